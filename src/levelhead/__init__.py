@@ -1,0 +1,3 @@
+"""levelhead."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,27 @@
+"""What levelhead raises: every message is a sentence that says what, where, what was found, what to do."""
+
+from __future__ import annotations
+
+
+class LevelheadError(Exception):
+    """Base of all errors that levelhead raises on purpose; ``exit_code`` is what the command line returns."""
+
+    exit_code = 1
+
+
+class UsageError(LevelheadError, ValueError):
+    """The call or the command was wrong: an unknown method, a parameter out of range, a bad option."""
+
+    exit_code = 2
+
+
+class LogError(LevelheadError, ValueError):
+    """A log could not be read or could not be trusted."""
+
+    exit_code = 3
+
+
+class OutputError(LevelheadError, OSError):
+    """A result could not be written; nothing half-written is left behind."""
+
+    exit_code = 1

@@ -1,0 +1,66 @@
+"""Events: what happened to the data on its way, counted, with the first and the last time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+EVENT_TEXTS: Final[dict[str, str]] = {
+    "I_VELOCITY_DERIVED": "The log has positions but no velocities: velocities were derived by differencing the positions.",
+    "W_TRUNCATED": "A cut line at the start or the end of the file was left out.",
+    "W_NO_EPOCHS": "GNSS epochs outside the span of the IMU data were not used.",
+    "W_GAP": "The IMU data has gaps: no bias was learnt across them.",
+    "E_GAP_RESET": "An IMU gap was too long to bridge: the attitude was levelled anew, the biases were kept.",
+    "S_COAST": "GNSS was absent: the attitude followed the gyros alone, the biases were held.",
+    "S_REVERSE": "The vehicle drove backwards: the course was turned round.",
+    "W_TIME_BACK": "Samples with time stamps at or before the previous one were dropped.",
+    "W_TAU_RATIO": "tau_gyro is below four times tau (or tau_heading): the estimates will ring.",
+}
+"""Every event code and the sentence that explains it to a user."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """One kind of event: ``code`` is a key of `EVENT_TEXTS`, times are seconds from the log's start."""
+
+    code: str
+    count: int
+    first_s: float | None = None
+    last_s: float | None = None
+    detail: str = ""
+
+    @property
+    def text(self) -> str:
+        """The sentence for the user, with the detail of this occurrence."""
+        return f"{EVENT_TEXTS[self.code]} {self.detail}".strip()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the event as `summary.json` shows it."""
+        return {
+            "code": self.code,
+            "count": self.count,
+            "first_s": self.first_s,
+            "last_s": self.last_s,
+            "text": self.text,
+        }
+
+
+def merge_events(events: Iterable[Event]) -> tuple[Event, ...]:
+    """Add up events of the same code, in order of first appearance."""
+    merged: dict[str, Event] = {}
+    for event in events:
+        before = merged.get(event.code)
+        if before is None:
+            merged[event.code] = event
+            continue
+        firsts = [t for t in (before.first_s, event.first_s) if t is not None]
+        lasts = [t for t in (before.last_s, event.last_s) if t is not None]
+        merged[event.code] = Event(
+            code=event.code,
+            count=before.count + event.count,
+            first_s=min(firsts, default=None),
+            last_s=max(lasts, default=None),
+            detail=" ".join(d for d in (before.detail, event.detail) if d),
+        )
+    return tuple(merged.values())

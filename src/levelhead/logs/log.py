@@ -1,0 +1,123 @@
+"""`Log`: the readings of one drive, in the package's frames and units, checked once on construction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from levelhead.conventions import FloatArray
+from levelhead.errors import LogError
+from levelhead.events import Event
+
+
+def _array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return a read-only contiguous float64 array of the wanted shape, or raise a sentence."""
+    array = np.array(values, dtype=np.float64, order="C")
+    wanted = ", ".join("n" if s is None else str(s) for s in shape)
+    if array.ndim != len(shape) or any(
+        s is not None and s != have for s, have in zip(shape, array.shape, strict=True)
+    ):
+        raise LogError(f"{name} has the shape {array.shape}; pass an array of shape ({wanted}).")
+    array.flags.writeable = False
+    return array
+
+
+def _check_time(name: str, time: FloatArray) -> None:
+    bad = np.flatnonzero(~np.isfinite(time))
+    if bad.size:
+        raise LogError(f"{name} is not a number at row {bad[0] + 1}; every sample needs a time stamp.")
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        k = int(back[0])
+        raise LogError(
+            f"{name} does not advance at row {k + 2}: {time[k + 1]:.6f} s comes after {time[k]:.6f} s "
+            f"({back.size} such rows in all). Sort the log and drop repeated stamps."
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Log:
+    """An IMU + GNSS log: body frame FRD, navigation frame NED, SI units and radians.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        Time stamps of the IMU samples, seconds from the start of the log, strictly increasing.
+    gyro, accel : array_like, shape (n, 3)
+        Angular rate (rad/s) and specific force (m/s^2) readings, body FRD. Level and at rest the
+        accelerometer reads (0, 0, -g).
+    gnss_time : array_like, shape (m,)
+        Time stamps of the GNSS epochs, on the IMU's clock, strictly increasing.
+    velocity_ned : array_like, shape (m, 3), optional
+        GNSS velocity, m/s, NED. A log without it needs `position_llh`.
+    velocity_std : array_like, shape (m,) or (m, 3), optional
+        One sigma of the velocity, m/s.
+    position_llh : array_like, shape (m, 3), optional
+        Latitude (rad), longitude (rad) and height (m).
+    position_std : array_like, shape (m,) or (m, 3), optional
+        One sigma of the position, m.
+    meta : mapping, optional
+        What is known about the log's origin: ``source``, ``format``, ``completeness``
+        (``complete | truncated | malformed_record``), ``epoch``...
+    events : tuple of Event, optional
+        What happened while the log was read.
+
+    Raises
+    ------
+    LogError
+        When shapes disagree, time does not advance, or a reading is not finite.
+    """
+
+    time: FloatArray
+    gyro: FloatArray
+    accel: FloatArray
+    gnss_time: FloatArray
+    velocity_ned: FloatArray | None = None
+    velocity_std: FloatArray | None = None
+    position_llh: FloatArray | None = None
+    position_std: FloatArray | None = None
+    meta: Mapping[str, object] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        time = _array("time", self.time, (None,))
+        gnss_time = _array("gnss_time", self.gnss_time, (None,))
+        n, m = time.size, gnss_time.size
+        if n < 2:
+            raise LogError(f"The log has {n} IMU samples; at least 2 are needed.")
+        _check_time("time", time)
+        _check_time("gnss_time", gnss_time)
+        put("time", time)
+        put("gnss_time", gnss_time)
+        for name in ("gyro", "accel"):
+            array = _array(name, getattr(self, name), (n, 3))
+            bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+            if bad.size:
+                raise LogError(
+                    f"{name} is not finite at row {bad[0] + 1} ({bad.size} such rows in all); remove those rows."
+                )
+            put(name, array)
+        for name in ("velocity_ned", "position_llh"):
+            if getattr(self, name) is not None:
+                put(name, _array(name, getattr(self, name), (m, 3)))
+        for name in ("velocity_std", "position_std"):
+            value = getattr(self, name)
+            if value is not None:
+                put(name, _array(name, value, (m,) if np.ndim(value) == 1 else (m, 3)))
+        if self.velocity_ned is None and self.position_llh is None:
+            raise LogError(
+                "The log has neither GNSS velocities nor positions; pass velocity_ned or position_llh."
+            )
+        put("meta", MappingProxyType(dict(self.meta)))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last IMU sample, s."""
+        return float(self.time[-1] - self.time[0])
