@@ -18,9 +18,7 @@ def _array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> Float
     """Return a read-only contiguous float64 array of the wanted shape, or raise a sentence."""
     array = np.array(values, dtype=np.float64, order="C")
     wanted = ", ".join("n" if s is None else str(s) for s in shape)
-    if array.ndim != len(shape) or any(
-        s is not None and s != have for s, have in zip(shape, array.shape, strict=True)
-    ):
+    if array.ndim != len(shape) or any(s is not None and s != have for s, have in zip(shape, array.shape, strict=True)):
         raise LogError(f"{name} has the shape {array.shape}; pass an array of shape ({wanted}).")
     array.flags.writeable = False
     return array
@@ -112,9 +110,7 @@ class Log:
             if value is not None:
                 put(name, _array(name, value, (m,) if np.ndim(value) == 1 else (m, 3)))
         if self.velocity_ned is None and self.position_llh is None:
-            raise LogError(
-                "The log has neither GNSS velocities nor positions; pass velocity_ned or position_llh."
-            )
+            raise LogError("The log has neither GNSS velocities nor positions; pass velocity_ned or position_llh.")
         put("meta", MappingProxyType(dict(self.meta)))
 
     @property
