@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 EVENT_TEXTS: Final[dict[str, str]] = {
-    "I_VELOCITY_DERIVED": "The log has positions but no velocities: velocities were derived by differencing the positions.",
+    "I_VELOCITY_DERIVED": "The log has positions but no velocities: velocities were derived from the positions.",
     "W_TRUNCATED": "A cut line at the start or the end of the file was left out.",
     "W_NO_EPOCHS": "GNSS epochs outside the span of the IMU data were not used.",
     "W_GAP": "The IMU data has gaps: no bias was learnt across them.",
@@ -15,6 +15,7 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "S_COAST": "GNSS was absent: the attitude followed the gyros alone, the biases were held.",
     "S_REVERSE": "The vehicle drove backwards: the course was turned round.",
     "W_TIME_BACK": "Samples with time stamps at or before the previous one were dropped.",
+    "E_NONFINITE": "Samples with NaN or infinity were dropped.",
     "W_TAU_RATIO": "tau_gyro is below four times tau (or tau_heading): the estimates will ring.",
 }
 """Every event code and the sentence that explains it to a user."""

@@ -1,1 +1,26 @@
-"""levelhead."""
+"""Estimators: one method, one file, one line in `METHODS`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from levelhead.estimators.base import Result
+from levelhead.estimators.observer import ObserverParams, estimate_observer
+from levelhead.estimators.streaming import PlatformParams
+from levelhead.estimators.two_stage import TwoStageParams, estimate_two_stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A method's parameters and the function that runs it over a whole log."""
+
+    params: type[PlatformParams]
+    run: Callable[..., Result]
+
+
+METHODS: dict[str, Method] = {
+    "observer": Method(params=ObserverParams, run=estimate_observer),
+    "two-stage": Method(params=TwoStageParams, run=estimate_two_stage),
+}
+"""Every method of `levelhead.estimate`, by name."""

@@ -1,0 +1,106 @@
+"""``method="observer"``: the bias observer of Tereshkov (2015), Eqs. (10)-(12)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Self
+
+from levelhead.errors import UsageError
+from levelhead.estimators.base import Result, SensorData, Status
+from levelhead.estimators.streaming import Initial, PlatformParams, Progress, events_of, finish, run
+from levelhead.events import Event
+from levelhead.kernel._kernel import ObserverF64
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserverParams(PlatformParams):
+    """Constants of the 2015 observer: three time constants with the papers' values as defaults.
+
+    Attributes
+    ----------
+    tau_gyro : float
+        Gyro bias time constant tau_g, s. Longer averages more noise and settles later; from ``4 tau`` up the loop does
+        not ring (its straight-line poles solve ``tau s^2 + s + 1/tau_gyro``).
+    omega_accel : float
+        Accelerometer bias rate constant omega_a, rad/s. Larger averages more noise and needs more turning to settle.
+    gain : {"general", "paper"}
+        "paper" is Eq. (12) to the letter. "general" (default) drops Assumption B: the vertical angular rate takes the
+        place of the body's w_z, which is the same on level ground and also holds on slopes and upside-down.
+    """
+
+    tau_gyro: float = 40.0
+    omega_accel: float = math.radians(45.0)
+    gain: Literal["general", "paper"] = "general"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gain not in ("general", "paper"):
+            raise UsageError(f"gain is {self.gain!r}; choose 'general' or 'paper'.")
+
+    def warnings(self) -> tuple[Event, ...]:
+        """Return what is questionable about these constants."""
+        if self.tau_gyro < 4.0 * max(self.tau, self.tau_heading):
+            return (Event(code="W_TAU_RATIO", count=1, detail="Raise tau_gyro or lower tau."),)
+        return ()
+
+
+class Observer(ObserverF64):
+    """The 2015 observer as a stream: feed samples and epochs as they come.
+
+    ``update_imu(t, gyro, accel)`` takes a stamp (s) and body-frame readings (rad/s, m/s^2), ``update_gnss(t,
+    velocity_ned, velocity_std=None)`` a stamp on the same clock and a velocity (m/s). Each returns False where it
+    dropped its input. Feeding a log sample by sample gives the same bits as `levelhead.estimate`.
+
+    Parameters
+    ----------
+    params : ObserverParams, optional
+        The three time constants and the platform's settings.
+    initial : Initial, optional
+        Biases to start from.
+    """
+
+    def __init__(self, params: ObserverParams | None = None, *, initial: Initial | None = None) -> None:
+        k, start = params or ObserverParams(), initial or Initial()
+        ObserverF64.__init__(
+            self,
+            tau=k.tau,
+            tau_heading=k.tau_heading,
+            min_course_speed=k.min_course_speed,
+            gravity=k.gravity,
+            lever_arm=k.lever_arm,
+            tau_gyro=k.tau_gyro,
+            omega_accel=k.omega_accel,
+            paper_gain=k.gain == "paper",
+            gyro_bias=start.gyro_bias,
+            accel_bias=start.accel_bias,
+        )
+
+    @property
+    def status(self) -> Status:
+        """What the estimator says about itself."""
+        return Status(self.raw_status)
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happened to the data so far; times are the stream's own stamps."""
+        return events_of(self)
+
+    @classmethod
+    def restore(cls, blob: bytes) -> Self:
+        """Return an observer that continues bit for bit from a `save`; a foreign or damaged blob raises UsageError."""
+        self = cls.__new__(cls)
+        try:
+            ObserverF64.__init__(self, blob)
+        except ValueError as error:
+            raise UsageError(str(error)) from None
+        return self
+
+
+def estimate_observer(
+    data: SensorData, params: ObserverParams, initial: Initial | None, progress: Progress | None = None
+) -> Result:
+    """Run the observer over a whole log (see `levelhead.estimate`)."""
+    stream = Observer(params, initial=initial)
+    trace = run(stream, data, progress)
+    return finish(data, trace, stream, method="observer", params=params, warnings=params.warnings())

@@ -1,0 +1,292 @@
+"""What the streaming classes and the batch run share: one path through the kernel, and how its state is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, fields
+from typing import Final, Protocol
+
+import numpy as np
+
+from levelhead.conventions import GRAVITY, FloatArray, StatusArray
+from levelhead.errors import LogError, UsageError
+from levelhead.estimators.base import Result, SensorData, Status
+from levelhead.events import Event
+
+Triple = tuple[float, float, float]
+Progress = Callable[[float], None]
+
+CHUNK: Final = 50_000
+"""Samples fed to the kernel between two reports of progress."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initial:
+    """What is known before the first sample.
+
+    Attributes
+    ----------
+    gyro_bias, accel_bias : (3,)
+        Biases to start from, rad/s and m/s^2, body frame.
+    """
+
+    gyro_bias: Triple = (0.0, 0.0, 0.0)
+    accel_bias: Triple = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlatformParams:
+    """Constants of the virtual platform, common to both papers' estimators.
+
+    Attributes
+    ----------
+    tau : float
+        Attitude correction time constant, s. Shorter follows GNSS acceleration closer and lets more of its noise into
+        roll and pitch; longer trusts the gyros.
+    tau_heading : float
+        Time constant with which the GNSS course steers the heading, s. Shorter lets more course noise (velocity noise
+        over speed) into the heading and the vertical gyro bias.
+    min_course_speed : float
+        Below this horizontal speed the course is not used, m/s.
+    gravity : float
+        Local gravity, m/s^2.
+    lever_arm : (3,)
+        From the IMU to the GNSS antenna, body axes, m.
+    """
+
+    tau: float = 4.0
+    tau_heading: float = 4.0
+    min_course_speed: float = 1.0
+    gravity: float = GRAVITY
+    lever_arm: Triple = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "lever_arm":
+                if len(value) != 3 or not np.all(np.isfinite(value)) or np.abs(value).max() > 50.0:
+                    raise UsageError(f"lever_arm is {value}; pass three lengths in metres, each within 50 m.")
+                object.__setattr__(self, "lever_arm", tuple(float(v) for v in value))
+            elif isinstance(value, float | int) and not isinstance(value, bool):
+                if not np.isfinite(value) or value <= 0.0:
+                    raise UsageError(f"{field.name} is {value}; it must be a positive number.")
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the constants by name, for summaries and reports."""
+        return asdict(self)
+
+
+class KernelStream(Protocol):
+    """The part of a compiled stream that the functions below use."""
+
+    @property
+    def raw_events(self) -> list[tuple[str, int, float, float]]:
+        """Counters of the kernel: code, count, first and last stamp."""
+        ...
+
+    @property
+    def vertical_axis(self) -> int:
+        """Index of the body axis nearest to the vertical."""
+        ...
+
+    def run(
+        self,
+        time: FloatArray,
+        gyro: FloatArray,
+        accel: FloatArray,
+        gnss_time: FloatArray,
+        velocity_ned: FloatArray,
+        velocity_std: FloatArray,
+        gyro_bias: FloatArray,
+        accel_bias: FloatArray,
+        attitude: FloatArray,
+        velocity: FloatArray,
+        status: StatusArray,
+        /,
+    ) -> int:
+        """Feed samples and epochs; fill the last five arrays."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """What a run of the kernel leaves behind, one row per IMU sample."""
+
+    gyro_bias: FloatArray
+    accel_bias: FloatArray
+    attitude: FloatArray
+    velocity_ned: FloatArray
+    status: StatusArray
+    events: tuple[Event, ...]
+
+
+def events_of(stream: KernelStream, time_origin: float = 0.0) -> tuple[Event, ...]:
+    """Turn the kernel's counters into events, times relative to `time_origin` (s)."""
+    return tuple(
+        Event(code=code, count=count, first_s=first - time_origin, last_s=last - time_origin)
+        for code, count, first, last in stream.raw_events
+    )
+
+
+def horizontal_std(velocity_std: FloatArray | None, epochs: int) -> FloatArray:
+    """Return one horizontal sigma per epoch, m/s, NaN where the log has none."""
+    if velocity_std is None:
+        return np.full(epochs, np.nan)
+    if velocity_std.ndim == 1:
+        return velocity_std
+    std: FloatArray = np.sqrt(0.5 * (velocity_std[:, 0] ** 2 + velocity_std[:, 1] ** 2))
+    return std
+
+
+def _chunks(data: SensorData, first: int, last: int) -> Iterator[tuple[slice, slice]]:
+    """Cut the log into runs of samples with the epochs up to each run's last sample."""
+    done = first
+    for start in range(0, data.time.size, CHUNK):
+        stop = min(start + CHUNK, data.time.size)
+        upto = int(np.searchsorted(data.gnss_time[:last], data.time[stop - 1], side="right"))
+        yield slice(start, stop), slice(done, max(done, upto))
+        done = max(done, upto)
+
+
+def run(stream: KernelStream, data: SensorData, progress: Progress | None = None) -> Trace:
+    """Feed a whole log to a stream, the same updates in the same order as live.
+
+    Parameters
+    ----------
+    stream : Observer or TwoStage
+        Its state goes on from where it is.
+    data : SensorData
+        The log; GNSS epochs without a velocity, or outside the span of the IMU, are left out and counted.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Raises
+    ------
+    LogError
+        When the log has no GNSS velocity within the span of the IMU.
+    """
+    if data.velocity_ned is None:
+        raise LogError("The log has no GNSS velocities; derive them from the positions first.")
+    n = data.time.size
+    first = int(np.searchsorted(data.gnss_time, data.time[0], side="left"))
+    last = int(np.searchsorted(data.gnss_time, data.time[-1], side="right"))
+    inside = data.velocity_ned[first:last]
+    if int(np.isfinite(inside).all(axis=1).sum()) < 2:
+        raise LogError(
+            f"Fewer than two GNSS velocities lie within the IMU's time span ({data.time[0]:.3f} to {data.time[-1]:.3f} s"
+            f"{_gnss_span(data.gnss_time)}). Check the time offset between the two."
+        )
+    std = horizontal_std(data.velocity_std, data.gnss_time.size)
+    usable = np.isfinite(data.velocity_ned).all(axis=1)
+    velocity = np.ascontiguousarray(data.velocity_ned)
+    out = [np.empty((n, 3)) for _ in range(4)]
+    status = np.empty(n, dtype=np.uint32)
+    for rows, epochs in _chunks(data, first, last):
+        keep = usable[epochs]
+        stream.run(
+            data.time[rows],
+            data.gyro[rows],
+            data.accel[rows],
+            data.gnss_time[epochs][keep],
+            velocity[epochs][keep],
+            std[epochs][keep],
+            *(a[rows] for a in out),
+            status[rows],
+        )
+        if progress is not None:
+            progress(rows.stop / n)
+    gyro_bias, accel_bias, attitude, velocity_out = out
+    events = events_of(stream, float(data.time[0]))
+    left_out = int(first + data.gnss_time.size - last)
+    if left_out:
+        events += (Event(code="W_NO_EPOCHS", count=left_out),)
+    return Trace(
+        gyro_bias=gyro_bias,
+        accel_bias=accel_bias,
+        attitude=attitude,
+        velocity_ned=velocity_out,
+        status=status,
+        events=events,
+    )
+
+
+def _gnss_span(gnss_time: FloatArray) -> str:
+    if gnss_time.size == 0:
+        return "; the log has no GNSS epoch at all"
+    return f"; GNSS covers {gnss_time[0]:.3f} to {gnss_time[-1]:.3f} s"
+
+
+def interpolated_position(data: SensorData) -> FloatArray | None:
+    """Return GNSS positions interpolated to the IMU's stamps (n, 3), NaN outside their span, or None without any."""
+    if data.position_llh is None:
+        return None
+    known = np.isfinite(data.position_llh).all(axis=1)
+    out = np.full((data.time.size, 3), np.nan)
+    if known.any():
+        for axis in range(3):
+            values = data.position_llh[known, axis]
+            if axis == 1:
+                values = np.unwrap(values)  # a drive across the date line
+            out[:, axis] = np.interp(data.time, data.gnss_time[known], values, left=np.nan, right=np.nan)
+        out[:, 1] = (out[:, 1] + np.pi) % (2.0 * np.pi) - np.pi
+    return out
+
+
+def first_settled(time: FloatArray, status: StatusArray, flag: Status) -> float | None:
+    """Return the time since the start at which a flag was set for good, or None."""
+    set_ = (status & int(flag)) != 0
+    if not set_[-1]:
+        return None
+    unset = np.flatnonzero(~set_)
+    return float(time[unset[-1] + 1] - time[0]) if unset.size else 0.0
+
+
+def finish(
+    data: SensorData,
+    trace: Trace,
+    stream: KernelStream,
+    *,
+    method: str,
+    params: PlatformParams,
+    warnings: tuple[Event, ...] = (),
+) -> Result:
+    """Turn a run into a `Result`: mask what was not estimated, say what is known and since when."""
+    n = data.time.size
+    vertical = stream.vertical_axis
+    accel_bias = trace.accel_bias
+    accel_bias[:, vertical] = np.nan
+    last = Status(int(trace.status[-1]))
+    # Along the vertical the gyro bias is taught by the course, across it by the level platform.
+    gyro_flags = [Status.GYRO_SETTLED] * 3
+    gyro_flags[vertical] = Status.HEADING_SETTLED
+    settled = {
+        "gyro": first_settled(data.time, trace.status, Status.GYRO_SETTLED),
+        "accel": first_settled(data.time, trace.status, Status.ACCEL_SETTLED),
+    }
+    # Fixed gains carry no covariance: an unknown sigma is NaN, one shared row seen n times.
+    no_std = np.broadcast_to(np.full(3, np.nan), (n, 3))
+    return Result(
+        time=data.time,
+        gyro_bias=trace.gyro_bias,
+        accel_bias=accel_bias,
+        gyro_bias_std=no_std,
+        accel_bias_std=no_std,
+        roll=trace.attitude[:, 0],
+        pitch=trace.attitude[:, 1],
+        heading=trace.attitude[:, 2],
+        attitude_std=no_std,
+        velocity_ned=trace.velocity_ned,
+        position_llh=interpolated_position(data),
+        status=trace.status,
+        method=method,
+        params=params.as_dict(),
+        known_gyro=_three(bool(flag in last) for flag in gyro_flags),
+        known_accel=_three(Status.ACCEL_SETTLED in last and axis != vertical for axis in range(3)),
+        settled_at_s=settled,
+        events=trace.events + warnings,
+    )
+
+
+def _three(flags: Iterable[bool]) -> tuple[bool, bool, bool]:
+    x, y, z = flags
+    return x, y, z

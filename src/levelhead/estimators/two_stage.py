@@ -1,0 +1,107 @@
+"""``method="two-stage"``: the closed-form estimator of Tereshkov (2013), Eqs. (12) and (14)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+from levelhead.errors import UsageError
+from levelhead.estimators.base import Result, SensorData, Status
+from levelhead.estimators.streaming import Initial, PlatformParams, Progress, events_of, finish, run
+from levelhead.events import Event
+from levelhead.kernel._kernel import TwoStageF64
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoStageParams(PlatformParams):
+    """Constants of the 2013 two-stage estimator, with the paper's values as defaults.
+
+    Attributes
+    ----------
+    tau_gyro_lowpass : float
+        Low-pass of the gyro bias read on straights, s. Longer averages more noise and settles later.
+    tau_accel_lowpass : float
+        Low-pass of the accelerometer bias read in turns, s of turning.
+    straight_rate : float
+        Below this absolute yaw rate the vehicle counts as going straight, rad/s.
+    turn_rate : float
+        Above this absolute yaw rate it counts as turning, rad/s. Between the two nothing is read: without the split
+        the estimate diverges.
+    feedback : bool
+        True: the estimates are subtracted from the platform's input. False: the paper's "black box", the platform
+        runs on the raw readings and the low-passes read its whole control rate.
+    """
+
+    tau_gyro_lowpass: float = 40.0
+    tau_accel_lowpass: float = 40.0
+    straight_rate: float = math.radians(2.0)
+    turn_rate: float = math.radians(8.0)
+    feedback: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.straight_rate > self.turn_rate:
+            raise UsageError(
+                f"straight_rate ({self.straight_rate:.4g} rad/s) is above turn_rate ({self.turn_rate:.4g} rad/s); "
+                "the thresholds must not overlap."
+            )
+
+
+class TwoStage(TwoStageF64):
+    """The 2013 two-stage estimator as a stream; used like `levelhead.Observer`.
+
+    Parameters
+    ----------
+    params : TwoStageParams, optional
+        Time constants and thresholds.
+    initial : Initial, optional
+        Biases to start from.
+    """
+
+    def __init__(self, params: TwoStageParams | None = None, *, initial: Initial | None = None) -> None:
+        k, start = params or TwoStageParams(), initial or Initial()
+        TwoStageF64.__init__(
+            self,
+            tau=k.tau,
+            tau_heading=k.tau_heading,
+            min_course_speed=k.min_course_speed,
+            gravity=k.gravity,
+            lever_arm=k.lever_arm,
+            tau_gyro_lowpass=k.tau_gyro_lowpass,
+            tau_accel_lowpass=k.tau_accel_lowpass,
+            straight_rate=k.straight_rate,
+            turn_rate=k.turn_rate,
+            feedback=k.feedback,
+            gyro_bias=start.gyro_bias,
+            accel_bias=start.accel_bias,
+        )
+
+    @property
+    def status(self) -> Status:
+        """What the estimator says about itself."""
+        return Status(self.raw_status)
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happened to the data so far; times are the stream's own stamps."""
+        return events_of(self)
+
+    @classmethod
+    def restore(cls, blob: bytes) -> Self:
+        """Return an estimator that continues bit for bit from a `save`; a foreign or damaged blob raises UsageError."""
+        self = cls.__new__(cls)
+        try:
+            TwoStageF64.__init__(self, blob)
+        except ValueError as error:
+            raise UsageError(str(error)) from None
+        return self
+
+
+def estimate_two_stage(
+    data: SensorData, params: TwoStageParams, initial: Initial | None, progress: Progress | None = None
+) -> Result:
+    """Run the two-stage estimator over a whole log (see `levelhead.estimate`)."""
+    stream = TwoStage(params, initial=initial)
+    trace = run(stream, data, progress)
+    return finish(data, trace, stream, method="two-stage", params=params)

@@ -1,0 +1,100 @@
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from levelhead.conventions import FloatArray, StatusArray
+
+DEFAULT_GRAVITY: float
+
+_Vector = Sequence[float] | NDArray[np.floating]
+
+class _Stream:
+    def update_imu(self, t: float, gyro: _Vector, accel: _Vector) -> bool: ...
+    def update_gnss(
+        self, t: float, velocity_ned: _Vector, velocity_std: float | _Vector | None = None
+    ) -> bool: ...
+    def run(
+        self,
+        time: FloatArray,
+        gyro: FloatArray,
+        accel: FloatArray,
+        gnss_time: FloatArray,
+        velocity_ned: FloatArray,
+        velocity_std: FloatArray,
+        gyro_bias: FloatArray,
+        accel_bias: FloatArray,
+        attitude: FloatArray,
+        velocity: FloatArray,
+        status: StatusArray,
+        /,
+    ) -> int: ...
+    def save(self) -> bytes: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def gyro_bias(self) -> FloatArray: ...
+    @property
+    def accel_bias(self) -> FloatArray: ...
+    @property
+    def roll(self) -> float: ...
+    @property
+    def pitch(self) -> float: ...
+    @property
+    def heading(self) -> float: ...
+    @property
+    def velocity_ned(self) -> FloatArray: ...
+    @property
+    def raw_status(self) -> int: ...
+    @property
+    def raw_events(self) -> list[tuple[str, int, float, float]]: ...
+    @property
+    def vertical_axis(self) -> int: ...
+    @property
+    def dcm_body_to_ned(self) -> FloatArray: ...
+    @property
+    def residual(self) -> tuple[float, float, float]: ...
+
+class _Observer(_Stream):
+    def __new__(cls, *args: object, **kwargs: object) -> Self: ...
+    def __init__(
+        self,
+        blob: bytes = ...,
+        *,
+        tau: float = ...,
+        tau_heading: float = ...,
+        min_course_speed: float = ...,
+        gravity: float = ...,
+        lever_arm: _Vector = ...,
+        tau_gyro: float = ...,
+        omega_accel: float = ...,
+        paper_gain: bool = ...,
+        gyro_bias: _Vector = ...,
+        accel_bias: _Vector = ...,
+    ) -> None: ...
+
+class _TwoStage(_Stream):
+    def __new__(cls, *args: object, **kwargs: object) -> Self: ...
+    def __init__(
+        self,
+        blob: bytes = ...,
+        *,
+        tau: float = ...,
+        tau_heading: float = ...,
+        min_course_speed: float = ...,
+        gravity: float = ...,
+        lever_arm: _Vector = ...,
+        tau_gyro_lowpass: float = ...,
+        tau_accel_lowpass: float = ...,
+        straight_rate: float = ...,
+        turn_rate: float = ...,
+        feedback: bool = ...,
+        gyro_bias: _Vector = ...,
+        accel_bias: _Vector = ...,
+    ) -> None: ...
+
+class ObserverF64(_Observer): ...
+class ObserverF32(_Observer): ...
+class TwoStageF64(_TwoStage): ...
+class TwoStageF32(_TwoStage): ...

@@ -1,0 +1,61 @@
+// The bias observer of Tereshkov (2015), Eqs. (10)-(12): both biases driven by the control rate.
+#ifndef LEVELHEAD_OBSERVER_HPP
+#define LEVELHEAD_OBSERVER_HPP
+
+#include "excitation.hpp"
+#include "platform.hpp"
+
+namespace levelhead {
+
+template <class S>
+struct ObserverParams {
+    PlatformParams<S> platform;
+    S tau_gyro;      // tau_g, s
+    S omega_accel;   // omega_a, rad/s
+    uint32_t paper_gain;  // 1: Eq. (12) to the letter, body w_z; 0: the general gain, valid on slopes and upside-down
+};
+
+constexpr double max_gain_rate = 2.0;  // |w_z| in the accelerometer bias gain is clamped to this, rad/s
+
+template <class S>
+struct Observer {
+    using Scalar = S;
+    using Params = ObserverParams<S>;
+
+    PlatformState<S> platform;
+    Vec3<S> gyro_bias, accel_bias;
+    Excitation<S> excitation;
+
+    void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
+        const Vec3<S> body_z = {S(0), S(0), S(1)};
+        const Vec3<S> vertical = k.paper_gain ? body_z : platform.dcm_body_to_ned.z;
+        advance(platform, dt, gyro - gyro_bias, accel - accel_bias, vertical);
+    }
+
+    Interval<S> epoch(const Params& k, S length, bool usable, const Vec3<S>& velocity, S velocity_std) {
+        const Interval<S> i = close_interval(platform, k.platform, length, usable, velocity, velocity_std);
+        learn(k, i);
+        return i;
+    }
+
+    void learn(const Params& k, const Interval<S>& i) {
+        const S yaw_rate = clamp(i.yaw_rate, S(-max_gain_rate), S(max_gain_rate));
+        // Eq. (11). The vertical component learns from the course by the same rule.
+        gyro_bias = gyro_bias + i.control_rate_body * (i.length * i.learn / k.tau_gyro);
+        // Eq. (12). The general gain ([w_b x][k_b x])^T u, with k_b = C^T k, is (w . down) u - w (down . u); the level part
+        // of u has no component along down, so it is Eq. (12) with the vertical rate in place of the body's w_z.
+        Vec3<S> u = i.control_rate_body_level;
+        if (k.paper_gain) u.z = S(0);
+        accel_bias = accel_bias + u * (k.platform.gravity * yaw_rate * i.length * i.learn / k.omega_accel);
+        const S lag = yaw_rate * k.platform.tau;
+        const S time = i.length * i.learn;
+        excite(excitation, square_root(time / k.tau_gyro),
+               yaw_rate * square_root(time / (k.omega_accel * (S(1) + lag * lag))), i.length * i.steered / k.tau_gyro);
+    }
+
+    uint32_t settled() const { return excitation_status(excitation); }
+};
+
+}  // namespace levelhead
+
+#endif

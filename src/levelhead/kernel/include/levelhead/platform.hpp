@@ -1,0 +1,198 @@
+// The virtual platform: an attitude that the control rate keeps level (Tereshkov 2013 and 2015, Eqs. 1-3), with GNSS
+// velocity increments in place of a differentiated velocity, start-up levelling, and the heading steered by the course.
+#ifndef LEVELHEAD_PLATFORM_HPP
+#define LEVELHEAD_PLATFORM_HPP
+
+#include "dcm.hpp"
+
+namespace levelhead {
+
+// What the user sets. Every constant has a meaning and a unit; there are no gains.
+template <class S>
+struct PlatformParams {
+    S tau;               // attitude correction time constant, s
+    S tau_heading;       // time constant of the heading steered by the course, s
+    S min_course_speed;  // below this horizontal speed the course says nothing, m/s
+    S gravity;           // m/s^2
+    Vec3<S> lever_arm;   // from the IMU to the antenna, body axes, m
+};
+
+constexpr double max_interval = 10.0;       // a longer time between two epochs is an outage: nothing is learnt from it, s
+constexpr double align_time = 1.0;          // start-up levelling averages the specific force at least this long, s
+constexpr double max_course_std = 0.26;     // 15 deg: a course less certain than this does not steer, rad
+constexpr double standstill_speed = 0.3;    // slower than this, heading does not matter for levelling, m/s
+constexpr double reverse_enter = 1.75;      // 100 deg between course and heading: driving backwards, rad
+constexpr double reverse_leave = 1.40;      // 80 deg: forwards again; the difference is the hysteresis, rad
+constexpr uint32_t orthonormalize_every = 32;  // samples
+
+template <class S>
+struct PlatformState {
+    Dcm<S> dcm_body_to_ned;    // C
+    Vec3<S> control_rate_ned;  // w_p, held over the interval after the epoch that measured it, rad/s
+    S hold;                    // how long w_p has still to act, s
+    Vec3<S> angular_rate;      // the last bias-free angular rate, for the lever arm, rad/s
+
+    // Since the last epoch:
+    Dcm<S> dcm_at_epoch;       // C at its end
+    Vec3<S> velocity_ned;      // GNSS velocity (of the IMU's place) at its end, m/s
+    Vec3<S> delta_velocity;    // integral of C f dt, m/s
+    S turn;                    // integral of the vertical angular rate, rad
+
+    // Flags are kept as 0 or 1 so that every lane of a pack has its own.
+    S have_velocity, aligned, heading_known, reverse;
+    uint32_t samples;
+};
+
+// One closed GNSS interval, as the bias estimators see it.
+template <class S>
+struct Interval {
+    S length;                   // T, s
+    Vec3<S> control_rate_body;  // the papers' u = w_p^b: w_p seen from the mean attitude of the interval, rad/s
+    Vec3<S> control_rate_body_level;  // the same without the heading's share
+    Vec3<S> down_body;          // the vertical seen from the mean attitude
+    S yaw_rate;                 // mean vertical angular rate, rad/s
+    S learn;                    // 1 where the biases may learn from the interval, else 0
+    S steered;                  // 1 where the course steered the heading, else 0
+    S waiting;                  // 1 where start-up needs a longer interval: it goes on from its first epoch
+};
+
+template <class S>
+void reset_interval(PlatformState<S>& p) {
+    p.dcm_at_epoch = p.dcm_body_to_ned;
+    p.delta_velocity = {S(0), S(0), S(0)};
+    p.turn = S(0);
+}
+
+// Forget the attitude, not the biases: the next epochs level the platform anew.
+template <class S>
+void restart(PlatformState<S>& p, const Vec3<S>& specific_force) {
+    p.dcm_body_to_ned = levelled(specific_force);
+    p.control_rate_ned = {S(0), S(0), S(0)};
+    p.hold = S(0);
+    p.have_velocity = p.aligned = p.heading_known = p.reverse = S(0);
+    p.samples = 0;
+    reset_interval(p);
+}
+
+// Eq. (1): C' = C [w x] - [w_p x] C = C [(w - C^T w_p) x], one exact rotation per sample. `vertical` is the axis whose
+// rate counts as yaw rate.
+template <class S>
+void advance(PlatformState<S>& p, S dt, const Vec3<S>& w, const Vec3<S>& f, const Vec3<S>& vertical) {
+    const S dt_control = minimum(dt, p.hold);
+    p.hold = p.hold - dt_control;
+    const Vec3<S> phi = w * dt - transposed_times(p.dcm_body_to_ned, p.control_rate_ned) * dt_control;
+    // Eq. (2) integrated: C f with the half rotation that the body makes meanwhile.
+    const Vec3<S> dv = f * dt;
+    p.delta_velocity = p.delta_velocity + p.dcm_body_to_ned * (dv + cross(phi, dv) * S(0.5));
+    p.turn = p.turn + dot(vertical, w) * dt;
+    p.angular_rate = w;
+    p.dcm_body_to_ned = rotated_in_body(p.dcm_body_to_ned, phi);
+    if (++p.samples % orthonormalize_every == 0) p.dcm_body_to_ned = orthonormalized(p.dcm_body_to_ned);
+}
+
+// Level from the specific force over the interval, corrected by the GNSS acceleration; heading from the course.
+template <class S, class Mask>
+void align(PlatformState<S>& p, Mask with_course, S course, const Vec3<S>& gnss_force, S length) {
+    Dcm<S> c = p.dcm_body_to_ned;
+    Vec3<S> measured = p.delta_velocity * (S(1) / length);
+    const S turn = select(with_course, wrap_angle(course - heading(c)), S(0));
+    c = turned_about_vertical(c, turn);
+    const S ca = cosine(turn), sa = sine(turn);
+    measured = {ca * measured.x - sa * measured.y, sa * measured.x + ca * measured.y, measured.z};
+    p.dcm_body_to_ned = orthonormalized(carried(c, measured, gnss_force));
+}
+
+// The angle from the heading to the course, with reverse driving recognised: its hysteresis lives in p.reverse.
+template <class S, class Mask>
+S course_innovation(PlatformState<S>& p, Mask moving, S course) {
+    const S raw = wrap_angle(course - heading(p.dcm_body_to_ned));
+    const S limit = select(p.reverse > S(0.5), S(reverse_leave), S(reverse_enter));
+    p.reverse = select(moving, select(absolute(raw) > limit, S(1), S(0)), p.reverse);
+    return select(p.reverse > S(0.5), wrap_angle(raw - S(pi)), raw);
+}
+
+// Close the interval that ends with this GNSS velocity (Eq. 3 on increments) and set w_p for the next one.
+// `length` is the time since the epoch before, `usable` is false where it must not be used (first epoch, gap).
+template <class S>
+Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, S length, bool usable, const Vec3<S>& velocity,
+                           S velocity_std) {
+    const Vec3<S> v = velocity - p.dcm_body_to_ned * cross(p.angular_rate, k.lever_arm);
+    const S speed = square_root(v.x * v.x + v.y * v.y);
+    const S speed_before = square_root(p.velocity_ned.x * p.velocity_ned.x + p.velocity_ned.y * p.velocity_ned.y);
+    const S course = arc_tangent(v.y, v.x);
+    // An unknown std (NaN) compares false and lets the speed decide alone.
+    const auto trusted = (speed > k.min_course_speed) & !(velocity_std > S(max_course_std) * speed);
+    const S safe_length = maximum(length, S(1e-6));
+    const Vec3<S> gravity = {S(0), S(0), k.gravity};
+    const Vec3<S> gnss_force = (v - p.velocity_ned) * (S(1) / safe_length) - gravity;
+    const auto closed = (p.have_velocity > S(0.5)) & usable;
+    const auto was_aligned = p.aligned > S(0.5);
+    const auto knew_heading = p.heading_known > S(0.5);
+    Interval<S> out{};
+
+    // Start-up: wait until the interval is long enough, then level; later, set the heading with the first course.
+    const auto align_now = closed & !was_aligned & (length >= S(align_time) * S(0.999));
+    const auto turn_now = was_aligned & !knew_heading & trusted;
+    const auto waiting = closed & !was_aligned & !(length >= S(align_time) * S(0.999));
+    if (any(align_now)) {
+        PlatformState<S> q = p;
+        align(q, trusted, course, gnss_force, safe_length);
+        p.dcm_body_to_ned = select(align_now, q.dcm_body_to_ned, p.dcm_body_to_ned);
+        p.aligned = select(align_now, S(1), p.aligned);
+        p.heading_known = select(align_now & trusted, S(1), p.heading_known);
+    }
+    if (any(turn_now)) {
+        const S angle = select(turn_now, wrap_angle(course - heading(p.dcm_body_to_ned)), S(0));
+        p.dcm_body_to_ned = turned_about_vertical(p.dcm_body_to_ned, angle);
+        p.heading_known = select(turn_now, S(1), p.heading_known);
+    }
+
+    // Running: w_p = -k x (f_gnss - f_p), k = (0, 0, -1/(g tau)); a correction never exceeds what was measured (T <= tau).
+    const Vec3<S> d = gnss_force - p.delta_velocity * (S(1) / safe_length);
+    const S gain = minimum(S(1), k.tau / safe_length) / (k.gravity * k.tau);
+    const auto at_rest = (speed < S(standstill_speed)) & (speed_before < S(standstill_speed));
+    const auto level = closed & was_aligned & (knew_heading | at_rest);
+    const auto steer = closed & was_aligned & knew_heading & trusted;
+    const S level_gain = select(level, gain, S(0));
+    const S innovation = course_innovation(p, steer, course);
+    const S steer_gain = select(steer, minimum(S(1), k.tau_heading / safe_length) / k.tau_heading, S(0));
+    const Vec3<S> w_level = {-d.y * level_gain, d.x * level_gain, S(0)};
+    const Vec3<S> w_p = {w_level.x, w_level.y, -innovation * steer_gain};
+    p.control_rate_ned = w_p;
+    p.hold = length;
+
+    // The attitude that belongs to w_p is that of the interval in which it was measured, not the one in which it acts:
+    // seen from the latter it lags by w_z T, and fast turns drive the accelerometer bias away instead of home.
+    const Dcm<S> mean = {(p.dcm_at_epoch.x + p.dcm_body_to_ned.x) * S(0.5), (p.dcm_at_epoch.y + p.dcm_body_to_ned.y) * S(0.5),
+                         (p.dcm_at_epoch.z + p.dcm_body_to_ned.z) * S(0.5)};
+    out.length = length;
+    out.control_rate_body_level = transposed_times(mean, w_level);
+    out.control_rate_body = transposed_times(mean, w_p);
+    out.down_body = mean.z;
+    out.yaw_rate = p.turn / safe_length;
+    out.learn = select(level, S(1), S(0));
+    out.steered = select(steer, S(1), S(0));
+    out.waiting = select(waiting, S(1), S(0));
+
+    // While start-up is still waiting, the interval goes on from its first epoch.
+    PlatformState<S> fresh = p;
+    fresh.velocity_ned = v;
+    fresh.have_velocity = S(1);
+    reset_interval(fresh);
+    p.velocity_ned = select(waiting, p.velocity_ned, fresh.velocity_ned);
+    p.dcm_at_epoch = select(waiting, p.dcm_at_epoch, fresh.dcm_at_epoch);
+    p.delta_velocity = select(waiting, p.delta_velocity, fresh.delta_velocity);
+    p.turn = select(waiting, p.turn, fresh.turn);
+    p.have_velocity = S(1);
+    return out;
+}
+
+// Velocity now: the last epoch's plus what the accelerometers have added since, m/s.
+template <class S>
+Vec3<S> current_velocity(const PlatformState<S>& p, S gravity, S since_epoch) {
+    return p.velocity_ned + p.delta_velocity + Vec3<S>{S(0), S(0), gravity * since_epoch};
+}
+
+}  // namespace levelhead
+
+#endif

@@ -1,0 +1,140 @@
+// A stream of readings: time stamps (always double), trapezoids between IMU samples, GNSS epochs that fall between two
+// samples, gaps. Batch runs feed the same two functions, so both are one code path.
+#ifndef LEVELHEAD_STREAM_HPP
+#define LEVELHEAD_STREAM_HPP
+
+#include "platform.hpp"
+#include "status.hpp"
+
+namespace levelhead {
+
+constexpr double bridge_gap = 0.2;  // a longer time between IMU samples is bridged, and nothing is learnt across it, s
+constexpr double reset_gap = 2.0;   // a still longer one loses the attitude: level anew, keep the biases, s
+constexpr double coast_after = 2.5; // GNSS counts as absent after this many of its last intervals
+constexpr double no_time = -1e300;
+
+template <class Estimator>
+struct Stream {
+    using S = typename Estimator::Scalar;
+
+    typename Estimator::Params params;
+    Estimator estimator;
+    double time;          // of the last IMU sample
+    double epoch_time;    // of the last epoch used
+    double pending_time;  // of an epoch that lies ahead of the last IMU sample
+    double advanced_to;   // the estimator's state belongs to this time
+    double last_length;   // of the last closed interval
+    Vec3<S> gyro, accel;  // the last sample
+    Vec3<S> pending_velocity;
+    S pending_std;
+    uint32_t broken;      // an IMU gap lies in the current interval
+    uint32_t settled;     // status bits that only change at epochs
+    EventCounter events[EVENT_COUNT];
+
+    static Stream make(const typename Estimator::Params& params, const Vec3<S>& gyro_bias, const Vec3<S>& accel_bias) {
+        Stream s{};
+        s.params = params;
+        s.estimator.gyro_bias = gyro_bias;
+        s.estimator.accel_bias = accel_bias;
+        s.time = s.epoch_time = s.pending_time = s.advanced_to = no_time;
+        s.settled = s.estimator.settled();
+        return s;
+    }
+
+    bool started() const { return time > no_time; }
+
+    // One IMU sample; false when it was dropped (out of order or not finite).
+    bool imu(double t, const Vec3<S>& w, const Vec3<S>& f) {
+        if (!finite(t) || !finite(w) || !finite(f)) return drop(E_NONFINITE, finite(t) ? t : time);
+        if (!started()) {
+            restart(estimator.platform, f - estimator.accel_bias);
+            return take(t, w, f);
+        }
+        if (!(t > time)) return drop(W_TIME_BACK, t);
+        if (t - time > reset_gap) {
+            note(events[E_GAP_RESET], t);
+            restart(estimator.platform, f - estimator.accel_bias);
+            epoch_time = pending_time = no_time;
+            broken = 0;
+            return take(t, w, f);
+        }
+        const bool gap = t - time > bridge_gap;
+        if (gap) {
+            note(events[W_GAP], t);
+            broken = 1;
+        }
+        const Vec3<S> mean_gyro = (gyro + w) * S(0.5), mean_accel = (accel + f) * S(0.5);
+        if (pending_time > no_time && pending_time <= t) {
+            advance_to(pending_time, mean_gyro, mean_accel);
+            close();
+            broken = gap;  // the rest of the gap lies in the next interval
+        }
+        advance_to(t, mean_gyro, mean_accel);
+        return take(t, w, f);
+    }
+
+    // One GNSS epoch; false when it was dropped. It may lie ahead of the last IMU sample, never behind it.
+    bool gnss(double t, const Vec3<S>& velocity, S velocity_std) {
+        if (!finite(t) || !finite(velocity)) return drop(E_NONFINITE, finite(t) ? t : time);
+        if (!started() || t < time || !(t > epoch_time)) return drop(W_TIME_BACK, t);
+        pending_time = t;
+        pending_velocity = velocity;
+        pending_std = velocity_std;
+        if (t == time) close();
+        return true;
+    }
+
+    uint32_t status() const {
+        const PlatformState<S>& p = estimator.platform;
+        const bool aligned = p.aligned > S(0.5);
+        const bool coasting = aligned && last_length > 0 && time - epoch_time > coast_after * last_length;
+        return settled | (aligned ? 0u : INITIALIZING) | (aligned && !(p.heading_known > S(0.5)) ? ALIGNING : 0u) |
+               (coasting ? COASTING : 0u) | (p.reverse > S(0.5) ? REVERSE : 0u);
+    }
+
+    Vec3<S> velocity_ned() const {
+        return current_velocity(estimator.platform, params.platform.gravity, S(time - epoch_time));
+    }
+
+  private:
+    static bool finite(double x) { return x - x == 0.0; }
+    static bool finite(const Vec3<S>& v) { const S sum = (v.x - v.x) + (v.y - v.y) + (v.z - v.z); return sum == S(0); }
+
+    bool drop(EventCode code, double t) {
+        note(events[code], t);
+        return false;
+    }
+
+    bool take(double t, const Vec3<S>& w, const Vec3<S>& f) {
+        time = advanced_to = t;
+        gyro = w;
+        accel = f;
+        return true;
+    }
+
+    void advance_to(double t, const Vec3<S>& w, const Vec3<S>& f) {
+        if (t > advanced_to) estimator.step(params, S(t - advanced_to), w, f);
+        advanced_to = t;
+    }
+
+    void close() {
+        const double t = pending_time;
+        const bool first = !(epoch_time > no_time);
+        const double length = first ? 0.0 : t - epoch_time;
+        if (length > max_interval) note(events[S_COAST], t);
+        const bool usable = !first && !broken && length <= max_interval;
+        const Interval<S> i = estimator.epoch(params, S(length), usable, pending_velocity, pending_std);
+        if (!any(i.waiting > S(0.5))) {
+            epoch_time = t;
+            last_length = length;
+            settled = estimator.settled();
+        }
+        if (estimator.platform.reverse > S(0.5)) note(events[S_REVERSE], t);
+        pending_time = no_time;
+        broken = 0;
+    }
+};
+
+}  // namespace levelhead
+
+#endif
