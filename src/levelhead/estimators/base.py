@@ -11,6 +11,7 @@ import numpy as np
 
 from levelhead.conventions import FloatArray, StatusArray
 from levelhead.events import Event
+from levelhead.version import __version__
 
 
 class Status(enum.IntFlag):
@@ -44,19 +45,39 @@ class SensorData(Protocol):
     """The arrays that an estimator reads; `levelhead.Log` has them."""
 
     @property
-    def time(self) -> FloatArray: ...
+    def time(self) -> FloatArray:
+        """Stamps of the IMU samples (n,), s."""
+        ...
+
     @property
-    def gyro(self) -> FloatArray: ...
+    def gyro(self) -> FloatArray:
+        """Angular rate readings (n, 3), rad/s, body FRD."""
+        ...
+
     @property
-    def accel(self) -> FloatArray: ...
+    def accel(self) -> FloatArray:
+        """Specific force readings (n, 3), m/s^2, body FRD."""
+        ...
+
     @property
-    def gnss_time(self) -> FloatArray: ...
+    def gnss_time(self) -> FloatArray:
+        """Stamps of the GNSS epochs (m,), s."""
+        ...
+
     @property
-    def velocity_ned(self) -> FloatArray | None: ...
+    def velocity_ned(self) -> FloatArray | None:
+        """GNSS velocity (m, 3), m/s, or None."""
+        ...
+
     @property
-    def velocity_std(self) -> FloatArray | None: ...
+    def velocity_std(self) -> FloatArray | None:
+        """Its one sigma (m,) or (m, 3), m/s, or None."""
+        ...
+
     @property
-    def position_llh(self) -> FloatArray | None: ...
+    def position_llh(self) -> FloatArray | None:
+        """GNSS position (m, 3), rad, rad, m, or None."""
+        ...
 
 
 def _list(row: FloatArray, scale: float = 1.0) -> list[float | None]:
@@ -111,8 +132,6 @@ class Result:
 
     def summary(self) -> dict[str, object]:
         """Return the content of `summary.json`: the biases at the end of the log and how far to trust them."""
-        from levelhead import __version__
-
         deg = 180.0 / np.pi
         known = {"gyro": list(self.known_gyro), "accel": list(self.known_accel)}
 

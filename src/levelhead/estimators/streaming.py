@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Final, Protocol
+from typing import Any, Final, Protocol, Self
 
 import numpy as np
 
@@ -61,15 +61,20 @@ class PlatformParams:
     lever_arm: Triple = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        arm = self.lever_arm
+        if len(arm) != 3 or not np.all(np.isfinite(arm)) or np.abs(arm).max() > 50.0:
+            raise UsageError(f"lever_arm is {arm}; pass three lengths in metres, each within 50 m.")
+        object.__setattr__(self, "lever_arm", tuple(float(v) for v in arm))
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name == "lever_arm":
-                if len(value) != 3 or not np.all(np.isfinite(value)) or np.abs(value).max() > 50.0:
-                    raise UsageError(f"lever_arm is {value}; pass three lengths in metres, each within 50 m.")
-                object.__setattr__(self, "lever_arm", tuple(float(v) for v in value))
-            elif isinstance(value, float | int) and not isinstance(value, bool):
-                if not np.isfinite(value) or value <= 0.0:
-                    raise UsageError(f"{field.name} is {value}; it must be a positive number.")
+            number = isinstance(value, float | int) and not isinstance(value, bool)
+            if number and not (np.isfinite(value) and value > 0.0):
+                raise UsageError(f"{field.name} is {value}; it must be a positive number.")
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Return the parameters with these values; an unknown name raises TypeError."""
+        return cls(**values)
 
     def as_dict(self) -> dict[str, object]:
         """Return the constants by name, for summaries and reports."""
@@ -173,8 +178,8 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
     inside = data.velocity_ned[first:last]
     if int(np.isfinite(inside).all(axis=1).sum()) < 2:
         raise LogError(
-            f"Fewer than two GNSS velocities lie within the IMU's time span ({data.time[0]:.3f} to {data.time[-1]:.3f} s"
-            f"{_gnss_span(data.gnss_time)}). Check the time offset between the two."
+            f"Fewer than two GNSS velocities lie within the IMU's time span ({data.time[0]:.3f} to "
+            f"{data.time[-1]:.3f} s{_gnss_span(data.gnss_time)}). Check the time offset between the two."
         )
     std = horizontal_std(data.velocity_std, data.gnss_time.size)
     usable = np.isfinite(data.velocity_ned).all(axis=1)

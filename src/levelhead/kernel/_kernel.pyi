@@ -12,9 +12,7 @@ _Vector = Sequence[float] | NDArray[np.floating]
 
 class _Stream:
     def update_imu(self, t: float, gyro: _Vector, accel: _Vector) -> bool: ...
-    def update_gnss(
-        self, t: float, velocity_ned: _Vector, velocity_std: float | _Vector | None = None
-    ) -> bool: ...
+    def update_gnss(self, t: float, velocity_ned: _Vector, velocity_std: float | _Vector | None = None) -> bool: ...
     def run(
         self,
         time: FloatArray,

@@ -1,1 +1,1 @@
-"""levelhead."""
+"""Logs: reading, checking, deriving and writing IMU + GNSS records."""

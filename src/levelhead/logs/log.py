@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
+from levelhead.estimators.base import Result
 from levelhead.events import Event
+from levelhead.logs.geodesy import steps_ned
+
+MAX_DISTANCE_GAP_S: Final = 2.0
+"""Time between GNSS epochs over which the driven distance is not counted, s."""
 
 
 def _array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -117,3 +123,107 @@ class Log:
     def duration(self) -> float:
         """Time from the first to the last IMU sample, s."""
         return float(self.time[-1] - self.time[0])
+
+    def slice(self, start: float, stop: float) -> Log:
+        """Return the part of the log with ``start <= time < stop``; the clock is kept.
+
+        Parameters
+        ----------
+        start, stop : float
+            Seconds on the log's clock.
+
+        Raises
+        ------
+        LogError
+            When fewer than two IMU samples lie in the span.
+        """
+        imu = (self.time >= start) & (self.time < stop)
+        gnss = (self.gnss_time >= start) & (self.gnss_time < stop)
+        if imu.sum() < 2:
+            raise LogError(
+                f"Between {start:g} and {stop:g} s the log has {int(imu.sum())} IMU samples; at least 2 are needed. "
+                f"The log runs from {self.time[0]:g} to {self.time[-1]:g} s."
+            )
+
+        def pick(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[gnss]
+
+        return replace(
+            self,
+            time=self.time[imu],
+            gyro=self.gyro[imu],
+            accel=self.accel[imu],
+            gnss_time=self.gnss_time[gnss],
+            velocity_ned=pick(self.velocity_ned),
+            velocity_std=pick(self.velocity_std),
+            position_llh=pick(self.position_llh),
+            position_std=pick(self.position_std),
+        )
+
+    def corrected(self, result: Result) -> Log:
+        """Return the log with the biases of `result` subtracted from the readings, sample by sample.
+
+        Parameters
+        ----------
+        result : Result
+            Estimates for this log. A bias that the method does not estimate (NaN) counts as zero.
+
+        Returns
+        -------
+        Log
+            The same stamps; ``meta["corrected_by"]`` names the method.
+
+        Raises
+        ------
+        LogError
+            When the estimates are not at this log's time stamps.
+        """
+        if not np.array_equal(result.time, self.time):
+            raise LogError(
+                f"The result has {result.time.size} samples at other time stamps than the log's {self.time.size}; "
+                "correct the log that the result was estimated from."
+            )
+        return replace(
+            self,
+            gyro=self.gyro - np.nan_to_num(result.gyro_bias, nan=0.0),
+            accel=self.accel - np.nan_to_num(result.accel_bias, nan=0.0),
+            meta={**self.meta, "corrected_by": result.method},
+        )
+
+    def describe(self) -> dict[str, object]:
+        """Return the ``log`` part of `summary.json`.
+
+        Returns
+        -------
+        dict
+            ``source``, ``format``, ``completeness``, ``duration_s``, ``imu_rate_hz``, ``gnss_rate_hz``
+            (medians; None where there are fewer than two epochs) and ``distance_m``.
+        """
+        return {
+            "source": self.meta.get("source"),
+            "format": self.meta.get("format"),
+            "completeness": self.meta.get("completeness", "complete"),
+            "duration_s": self.duration,
+            "imu_rate_hz": _rate(self.time),
+            "gnss_rate_hz": _rate(self.gnss_time),
+            "distance_m": self._distance(),
+        }
+
+    def _distance(self) -> float:
+        """Integrate the horizontal GNSS speed (or add up the steps of a log without velocities), m."""
+        source = self.position_llh if self.velocity_ned is None else self.velocity_ned
+        if source is None:
+            return 0.0
+        present = np.isfinite(source).all(axis=1)
+        period = np.diff(self.gnss_time[present])
+        if self.velocity_ned is None:
+            steps = np.hypot(*steps_ned(source[present])[:, :2].T)
+        else:
+            speed = np.hypot(*source[present, :2].T)
+            steps = 0.5 * (speed[1:] + speed[:-1]) * period
+        return float(steps[period <= MAX_DISTANCE_GAP_S].sum())
+
+
+def _rate(time: FloatArray) -> float | None:
+    """Return the median rate of time stamps, Hz."""
+    return float(1.0 / np.median(np.diff(time))) if time.size > 1 else None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from html import escape
 from typing import Final
 
 import numpy as np
@@ -143,7 +142,7 @@ def _grid(frame: _Frame) -> list[str]:
         lines.append(f'<path class="grid" d="M{LEFT} {y:.1f}H{WIDTH - RIGHT}"/>')
         lines.append(f'<text x="{LEFT - 7}" y="{y + 4:.1f}" text-anchor="end">{north:.{decimals}f}</text>')
     middle = 0.5 * (LEFT + WIDTH - RIGHT)
-    lines.append(f'<text class="axis" x="{middle:.0f}" y="{HEIGHT - 6}" text-anchor="middle">{escape("east, m")}</text>')
+    lines.append(f'<text class="axis" x="{middle:.0f}" y="{HEIGHT - 6}" text-anchor="middle">east, m</text>')
     across = 0.5 * (TOP + HEIGHT - BOTTOM)
     lines.append(
         f'<text class="axis" transform="translate(14 {across:.0f}) rotate(-90)" text-anchor="middle">north, m</text>'
@@ -160,4 +159,7 @@ def _path_data(x: FloatArray, y: FloatArray) -> str:
     points = np.rint(np.column_stack((x, y)) * SUBPIXEL).astype(np.int64)
     steps = np.diff(points, axis=0)
     steps = steps[steps.any(axis=1)]
-    return f"M{points[0, 0]} {points[0, 1]}l" + " ".join(f"{a} {b}" for a, b in steps.tolist())
+    start = f"M{points[0, 0]} {points[0, 1]}"
+    if steps.size == 0:
+        return start
+    return f"{start}l" + " ".join(f"{a} {b}" for a, b in steps.tolist())

@@ -242,7 +242,7 @@ def _unwrapped(angle: FloatArray) -> FloatArray:
 
 
 def _with_truth(curves: Sequence[Curve], truths: Sequence[FloatArray | None]) -> tuple[Curve, ...]:
-    """Put the dashed curves first, so that the estimates are drawn over them."""
+    """Put the truth after the estimates: its thin dashes are drawn over them."""
     dashed = [
         Curve(label=f"{curve.label} truth", values=values, tone=curve.tone, dashed=True)
         for curve, values in zip(curves, truths, strict=True)

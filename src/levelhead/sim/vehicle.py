@@ -115,7 +115,7 @@ class Vehicle:
         """Return latitude, longitude (rad) and height (m) on WGS-84, shape (n, 3).
 
         The rates of the three are integrated from time 0, where the vehicle is at the origin, over nodes 0.25 s apart
-        (Hermite quadrature and interpolation, off by micrometres), so that any part of a long run can be had.
+        (Hermite quadrature and interpolation, off by 0.02 mm at most), so that any part of a long run can be had.
         """
         first = min(0, math.floor(float(time.min()) / _POSITION_STEP_S))
         last = math.ceil(float(time.max()) / _POSITION_STEP_S) + 1

@@ -16,6 +16,10 @@ struct ObserverParams {
 };
 
 constexpr double max_gain_rate = 2.0;  // |w_z| in the accelerometer bias gain is clamped to this, rad/s
+// A velocity increment over a large turn says little about the attitude within it, and the loop's phase lags by that turn:
+// the level biases learn in full up to the first angle per GNSS interval and not at all from the second, rad.
+constexpr double full_turn = 0.5;
+constexpr double no_turn = 1.0;
 
 template <class S>
 struct Observer {
@@ -39,16 +43,20 @@ struct Observer {
     }
 
     void learn(const Params& k, const Interval<S>& i) {
+        const S turn = absolute(i.yaw_rate) * i.length;
+        const S trust = clamp((S(no_turn) - turn) * S(1.0 / (no_turn - full_turn)), S(0), S(1));
         const S yaw_rate = clamp(i.yaw_rate, S(-max_gain_rate), S(max_gain_rate));
+        const S time = i.length * i.learn * trust;
         // Eq. (11). The vertical component learns from the course by the same rule.
-        gyro_bias = gyro_bias + i.control_rate_body * (i.length * i.learn / k.tau_gyro);
+        const Vec3<S> heading_share = i.control_rate_body - i.control_rate_body_level;
+        gyro_bias = gyro_bias + (i.control_rate_body_level * time + heading_share * i.length) * (S(1) / k.tau_gyro);
         // Eq. (12). The general gain ([w_b x][k_b x])^T u, with k_b = C^T k, is (w . down) u - w (down . u); the level part
         // of u has no component along down, so it is Eq. (12) with the vertical rate in place of the body's w_z.
         Vec3<S> u = i.control_rate_body_level;
         if (k.paper_gain) u.z = S(0);
-        accel_bias = accel_bias + u * (k.platform.gravity * yaw_rate * i.length * i.learn / k.omega_accel);
+        accel_bias = accel_bias + u * (k.platform.gravity * yaw_rate * time / k.omega_accel);
+
         const S lag = yaw_rate * k.platform.tau;
-        const S time = i.length * i.learn;
         excite(excitation, square_root(time / k.tau_gyro),
                yaw_rate * square_root(time / (k.omega_accel * (S(1) + lag * lag))), i.length * i.steered / k.tau_gyro);
     }

@@ -20,7 +20,8 @@ struct Stream {
     typename Estimator::Params params;
     Estimator estimator;
     double time;          // of the last IMU sample
-    double epoch_time;    // of the last epoch used
+    double epoch_time;    // at which the current interval begins
+    double gnss_time;     // of the last epoch taken
     double pending_time;  // of an epoch that lies ahead of the last IMU sample
     double advanced_to;   // the estimator's state belongs to this time
     double last_length;   // of the last closed interval
@@ -36,7 +37,7 @@ struct Stream {
         s.params = params;
         s.estimator.gyro_bias = gyro_bias;
         s.estimator.accel_bias = accel_bias;
-        s.time = s.epoch_time = s.pending_time = s.advanced_to = no_time;
+        s.time = s.epoch_time = s.gnss_time = s.pending_time = s.advanced_to = no_time;
         s.settled = s.estimator.settled();
         return s;
     }
@@ -76,8 +77,8 @@ struct Stream {
     // One GNSS epoch; false when it was dropped. It may lie ahead of the last IMU sample, never behind it.
     bool gnss(double t, const Vec3<S>& velocity, S velocity_std) {
         if (!finite(t) || !finite(velocity)) return drop(E_NONFINITE, finite(t) ? t : time);
-        if (!started() || t < time || !(t > epoch_time)) return drop(W_TIME_BACK, t);
-        pending_time = t;
+        if (!started() || t < time || !(t > gnss_time)) return drop(W_TIME_BACK, t);
+        pending_time = gnss_time = t;
         pending_velocity = velocity;
         pending_std = velocity_std;
         if (t == time) close();

@@ -1,0 +1,79 @@
+"""The files of a result: each is written beside its place and renamed, so a folder never holds half of one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from levelhead.atomic import atomic_path
+from levelhead.conventions import AXES, FloatArray, StatusArray
+from levelhead.estimators.base import Result
+from levelhead.logs.writers import write_table
+from levelhead.sim import Truth
+
+Column = FloatArray | StatusArray
+
+
+def result_columns(result: Result) -> tuple[dict[str, Column], dict[str, str]]:
+    """Return the columns of `result.parquet` and their units, SI and radians."""
+    columns: dict[str, Column] = {"time": result.time}
+    units = {"time": "s"}
+
+    def put(name: str, values: Column, unit: str) -> None:
+        columns[name] = values
+        units[name] = unit
+
+    for name, unit in (("gyro_bias", "rad/s"), ("accel_bias", "m/s^2")):
+        for suffix in ("", "_std"):
+            for i, axis in enumerate(AXES):
+                put(f"{name}{suffix}_{axis}", getattr(result, name + suffix)[:, i], unit)
+    for i, name in enumerate(("roll", "pitch", "heading")):
+        put(name, getattr(result, name), "rad")
+        put(f"{name}_std", result.attitude_std[:, i], "rad")
+    for i, axis in enumerate("ned"):
+        put(f"velocity_{axis}", result.velocity_ned[:, i], "m/s")
+    put("status", result.status, "flags")
+    if result.position_llh is not None:
+        for i, (name, unit) in enumerate((("latitude", "rad"), ("longitude", "rad"), ("height", "m"))):
+            put(name, result.position_llh[:, i], unit)
+    return columns, units
+
+
+def write_result(result: Result, path: Path) -> None:
+    """Write `result.parquet`."""
+    columns, units = result_columns(result)
+    write_table(columns, units, path)
+
+
+def write_summary(result: Result, path: Path) -> None:
+    """Write `summary.json`."""
+    text = json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_report(result: Result, path: Path, *, title: str, reference: Mapping[str, FloatArray] | None = None) -> None:
+    """Write `report.html`; `reference` is the truth of a simulated drive."""
+    from levelhead.report.html import render_report
+
+    text = render_report(result, title=title, reference=reference)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_truth(truth: Truth, path: Path) -> None:
+    """Write the truth of a simulated drive, SI and radians."""
+    units = {"time": "s", "roll": "rad", "pitch": "rad", "heading": "rad", "latitude": "rad", "longitude": "rad"}
+    columns = dict(truth.columns())
+    prefixes = {
+        "gyro_bias": "rad/s",
+        "accel_bias": "m/s^2",
+        "velocity": "m/s",
+        "height": "m",
+        "angular_rate": "rad/s",
+        "specific_force": "m/s^2",
+    }
+    for name in columns:
+        units.setdefault(name, next((unit for prefix, unit in prefixes.items() if name.startswith(prefix)), ""))
+    write_table(columns, units, path)

@@ -1,0 +1,113 @@
+"""`levelhead estimate`: the main job."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Literal
+
+import typer
+
+from levelhead.analysis.estimation import DEFAULT_METHOD
+from levelhead.analysis.estimation import estimate as estimate_log
+from levelhead.analysis.outputs import write_report, write_result, write_summary
+from levelhead.cli.console import progress, say_error, show_result, terminal
+from levelhead.cli.options import FormatOption, GnssOption, MappingOption, read_log
+from levelhead.cli.settings import load_params
+from levelhead.errors import LevelheadError, UsageError
+from levelhead.estimators import METHODS
+from levelhead.logs.writers import write
+
+PARTLY_READ = 3
+
+
+def estimate(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="The drive's log: IMU and GNSS, or the IMU alone.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
+    gnss: GnssOption = None,
+    mapping: MappingOption = None,
+    log_format: FormatOption = None,
+    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = DEFAULT_METHOD,
+    params: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Constants of the method.")] = None,
+    lever_arm: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="From the IMU to the antenna, m: forward,right,down.")
+    ] = None,
+    corrected: Annotated[
+        Literal["parquet", "csv"] | None, typer.Option(help="Also write the log with the biases taken off.")
+    ] = None,
+) -> None:
+    """Estimate biases, roll, pitch and heading; write summary.json, result.parquet and report.html into DIR."""
+    if len(logs) > 1 and gnss is not None:
+        raise UsageError("--gnss goes with one IMU file; run the command once per drive.")
+    folders = [output] if len(logs) == 1 else [output / name for name in _names(logs)]
+    constants = load_params(method, params)
+    if lever_arm is not None:
+        constants = replace(constants, lever_arm=_vector(lever_arm))
+    codes = []
+    for path, folder in zip(logs, folders, strict=True):
+        try:
+            codes.append(_one(path, folder, gnss, mapping, log_format, method, constants, corrected))
+        except LevelheadError as error:
+            if len(logs) == 1:
+                raise
+            say_error(f"{path}: {error}")
+            codes.append(error.exit_code)
+    raise typer.Exit(max(codes))
+
+
+def _one(
+    path: Path,
+    folder: Path,
+    gnss: Path | None,
+    mapping: Path | None,
+    log_format: str | None,
+    method: str,
+    constants: object,
+    corrected: str | None,
+) -> int:
+    """Run one drive and return its exit code."""
+    params = METHODS[method].params
+    if not isinstance(constants, params):
+        raise UsageError(f"The method {method!r} takes {params.__name__}.")
+    begin = perf_counter()
+    log = read_log(path, gnss=gnss, mapping=mapping, log_format=log_format)
+    read_done = perf_counter()
+    with progress(f"Estimating {path.name}") as report:
+        result = estimate_log(log, method, params=constants, progress=report)
+    estimated = perf_counter()
+    write_result(result, folder / "result.parquet")
+    result = replace(result, runtime_s={"read": read_done - begin, "estimate": estimated - read_done})
+    write_report(result, folder / "report.html", title=path.name)
+    runtime = {**result.runtime_s, "report": perf_counter() - estimated}
+    result = replace(result, runtime_s=runtime)
+    if corrected is not None:
+        write(log.corrected(result), folder / f"corrected.{corrected}")
+    write_summary(result, folder / "summary.json")
+    show_result(result)
+    terminal().print(f"Results in {folder}: summary.json, result.parquet, report.html.", markup=False)
+    if result.log_info.get("completeness") != "complete":
+        say_error(f"{path.name} was read only in part ({result.log_info.get('completeness')}); the results are marked.")
+        return PARTLY_READ
+    return 0
+
+
+def _names(logs: list[Path]) -> list[str]:
+    """Return one folder name per log: its stem, or its whole name where stems repeat."""
+    stems = [path.stem for path in logs]
+    names = [path.stem if stems.count(path.stem) == 1 else path.name for path in logs]
+    if len(set(names)) < len(names):
+        raise UsageError(
+            "Two logs have the same file name, so their results would overwrite each other; run them apart."
+        )
+    return names
+
+
+def _vector(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError(f"--lever-arm is {text!r}; pass three lengths in metres such as 0.2,0,-1.5.") from None
+    return x, y, z

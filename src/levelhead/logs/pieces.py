@@ -1,0 +1,122 @@
+"""What a reader takes out of one file, IMU data or GNSS data or both, and how pieces are joined into a `Log`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from levelhead.conventions import FloatArray
+from levelhead.errors import LogError
+from levelhead.events import Event
+from levelhead.logs.log import Log
+
+ABSOLUTE_CLOCK_S: Final = 1e6
+"""A log that starts later than this is stamped by an absolute clock (seconds of the GPS week stay below), s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImuData:
+    """IMU samples: time (n,) s, gyro (n, 3) rad/s and accel (n, 3) m/s^2 readings, body FRD."""
+
+    time: FloatArray
+    gyro: FloatArray
+    accel: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GnssData:
+    """GNSS epochs: time (m,) s, and the columns of `Log` with the same names, in the same units."""
+
+    time: FloatArray
+    velocity_ned: FloatArray | None = None
+    velocity_std: FloatArray | None = None
+    position_llh: FloatArray | None = None
+    position_std: FloatArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pieces:
+    """What one file holds.
+
+    Attributes
+    ----------
+    imu, gnss : optional
+        The data, each with the stamps of the file's own clock.
+    left_out : int
+        Cut lines at the start or the end of the file that were not used.
+    from_zero : bool
+        The stamps are those of a foreign clock: the log's time starts at the first IMU sample.
+    meta : mapping
+        What else is known, for `Log.meta`.
+    """
+
+    imu: ImuData | None = None
+    gnss: GnssData | None = None
+    left_out: int = 0
+    from_zero: bool = False
+    meta: Mapping[str, object] = field(default_factory=dict)
+
+
+def join(
+    imu: ImuData,
+    gnss: GnssData,
+    *,
+    from_zero: bool = False,
+    meta: Mapping[str, object] | None = None,
+    events: tuple[Event, ...] = (),
+) -> Log:
+    """Join IMU and GNSS data that are stamped by one clock.
+
+    Parameters
+    ----------
+    imu, gnss : ImuData, GnssData
+        The pieces; their stamps share one zero.
+    from_zero : bool
+        Count time from the first IMU sample; ``meta["epoch"]`` then holds that sample's stamp, s. Done
+        in any case when the first stamp is beyond `ABSOLUTE_CLOCK_S`; other stamps are kept to the bit.
+    meta, events : optional
+        For the log.
+
+    Returns
+    -------
+    Log
+
+    Raises
+    ------
+    LogError
+        When no GNSS epoch lies within the IMU data, or `Log` refuses the data.
+    """
+    if imu.time.size and gnss.time.size:
+        inside = (gnss.time >= imu.time[0]) & (gnss.time <= imu.time[-1])
+        if not inside.any():
+            raise LogError(
+                f"No GNSS epoch lies within the IMU data: the IMU's stamps run from {imu.time[0]:.3f} to "
+                f"{imu.time[-1]:.3f} s, the GNSS stamps from {gnss.time[0]:.3f} to {gnss.time[-1]:.3f} s. Both must "
+                "count from one zero: check that the files belong together, and time_zero in the mapping."
+            )
+    time, gnss_time = imu.time, gnss.time
+    known = dict(meta or {})
+    if time.size and (from_zero or abs(time[0]) > ABSOLUTE_CLOCK_S):
+        epoch = float(time[0])
+        time, gnss_time = time - epoch, gnss_time - epoch
+        known["epoch"] = epoch
+    return Log(
+        time=time,
+        gyro=imu.gyro,
+        accel=imu.accel,
+        gnss_time=gnss_time,
+        velocity_ned=gnss.velocity_ned,
+        velocity_std=gnss.velocity_std,
+        position_llh=gnss.position_llh,
+        position_std=gnss.position_std,
+        meta=known,
+        events=events,
+    )
+
+
+def none_if_absent(values: FloatArray) -> FloatArray | None:
+    """Return None for an array of nothing but NaN."""
+    return values if np.isfinite(values).any() else None

@@ -1,0 +1,96 @@
+"""The canonical Parquet log: the table of the canonical CSV, units in the names or in the field metadata ``unit``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from levelhead.errors import LogError
+from levelhead.logs.pieces import Pieces
+from levelhead.logs.readers.base import Reader, Source, Table
+from levelhead.logs.readers.columns import find_columns, pieces_from_table
+
+if TYPE_CHECKING:
+    import pyarrow.parquet as pq
+
+MAGIC: Final = b"PAR1"
+UNIT_KEY: Final = b"unit"
+EPOCH_KEY: Final = b"levelhead.epoch"
+"""Table metadata: ``meta["epoch"]`` of the log that was written."""
+MAX_VALUES: Final = 500_000_000
+"""Numbers that are read at most (4 GB): more is a mistake or an attack."""
+MAX_ROWS_PER_BYTE: Final = 20
+"""No advancing time stamps compress so well: a file that claims more rows is a decompression bomb."""
+
+
+def sniff(head: bytes) -> bool:
+    """Return whether the file begins with Parquet's magic bytes."""
+    return head.startswith(MAGIC)
+
+
+def read(source: Source) -> Pieces:
+    """Read a canonical Parquet log, or the GNSS columns of one.
+
+    Raises
+    ------
+    LogError
+        Naming file, row and column of what is wrong.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = source.path
+    try:
+        with pq.ParquetFile(path) as file:
+            return _read(source, file)
+    except (pa.ArrowException, OSError) as error:
+        reason = str(error).splitlines()[0].rstrip(".")
+        raise LogError(
+            f"{path.name}: the Parquet file is damaged or cut short ({reason}). Its index stands at the end, so that "
+            "nothing can be saved of a cut one; copy or export it again."
+        ) from error
+
+
+def _read(source: Source, file: pq.ParquetFile) -> Pieces:
+    name = source.path.name
+    schema = file.schema_arrow
+    rows = file.metadata.num_rows
+    units = [_decoded((schema.field(k).metadata or {}).get(UNIT_KEY)) for k in range(len(schema.names))]
+    columns = find_columns(name, schema.names, units, role=source.role)
+    if rows * len(columns) > MAX_VALUES or rows > MAX_ROWS_PER_BYTE * source.path.stat().st_size:
+        raise LogError(
+            f"{name}: the file claims {rows} rows in {source.path.stat().st_size} bytes, which no log does or which is "
+            "too much to read at once; split it if it is real."
+        )
+    for column, found in columns.items():
+        kind = schema.field(found.index).type
+        if not _is_numeric(kind):
+            raise LogError(f"{name}: the column {column} is of type {kind}; store numbers (float64).")
+    data = file.read(columns=[schema.names[c.index] for c in columns.values()])
+    scaled = {
+        column: data.column(schema.names[found.index]).cast("float64").to_numpy() * found.factor
+        for column, found in columns.items()
+    }
+    pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}"))
+    epoch = _decoded((schema.metadata or {}).get(EPOCH_KEY))
+    meta = {} if epoch is None else {"epoch": _epoch(name, epoch)}
+    return Pieces(imu=pieces.imu, gnss=pieces.gnss, meta=meta)
+
+
+def _is_numeric(kind: object) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind))
+
+
+def _decoded(value: bytes | None) -> str | None:
+    return None if value is None else value.decode("utf-8", errors="replace")
+
+
+def _epoch(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise LogError(f"{name}: the metadata levelhead.epoch is {text!r}; it must be a number of seconds.") from None
+
+
+READER: Final = Reader(name="parquet", title="canonical Parquet", sniff=sniff, read=read)

@@ -1,0 +1,207 @@
+"""Canonical columns into pieces: the checks that every tabular format shares, with file and row in each error."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from levelhead.conventions import (
+    ACCEL_COLUMNS,
+    CANONICAL_UNITS,
+    GYRO_COLUMNS,
+    POSITION_COLUMNS,
+    POSITION_STD_COLUMN,
+    TIME_COLUMN,
+    UNIT_FACTORS,
+    VELOCITY_COLUMNS,
+    VELOCITY_STD_COLUMN,
+    FloatArray,
+)
+from levelhead.errors import LogError
+from levelhead.logs.pieces import GnssData, ImuData, Pieces, none_if_absent
+from levelhead.logs.readers.base import Role, Table
+
+BoolArray = NDArray[np.bool_]
+
+IMU_COLUMNS: Final = (*GYRO_COLUMNS, *ACCEL_COLUMNS)
+GNSS_COLUMNS: Final = (*VELOCITY_COLUMNS, *POSITION_COLUMNS)
+
+_NAME_AND_UNIT = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\]]*)\])?\s*")
+MAX_NAMES_SHOWN: Final = 16
+"""Column names that an error lists at most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """Where a canonical column is found in a file, and the factor that turns it into its canonical unit."""
+
+    index: int
+    factor: float
+
+
+def split_unit(text: str) -> tuple[str, str | None]:
+    """Split a header cell: ``gyro_x[deg/s]`` gives ``gyro_x`` and ``deg/s``."""
+    match = _NAME_AND_UNIT.fullmatch(text)
+    if match is None:
+        return text.strip(), None
+    unit = match.group(2)
+    return match.group(1), None if unit is None else unit.strip()
+
+
+def unit_factor(column: str, unit: str, *, where: str) -> float:
+    """Return the factor from `unit` to the canonical unit of `column`; `where` begins the error's sentence."""
+    factors = UNIT_FACTORS[CANONICAL_UNITS[column]]
+    if unit not in factors:
+        raise LogError(f"{where}: the unit {unit!r} of {column} is not known; use one of {', '.join(factors)}.")
+    return factors[unit]
+
+
+def find_columns(name: str, headers: Sequence[str], units: Sequence[str | None], *, role: Role) -> dict[str, Column]:
+    """Return the canonical columns among `headers`; all other columns are left alone.
+
+    Parameters
+    ----------
+    name : str
+        The file's name, for errors.
+    headers : sequence of str
+        Column names, each with its unit in brackets or without.
+    units : sequence of str or None
+        Units that are declared elsewhere (Parquet metadata); a unit in the name wins.
+    role : {"imu", "gnss"}
+        With ``gnss``, the IMU columns are not asked for and not read.
+
+    Raises
+    ------
+    LogError
+        On columns that are missing or given twice, and on unknown units.
+    """
+    found: dict[str, Column] = {}
+    for index, (header, unit_elsewhere) in enumerate(zip(headers, units, strict=True)):
+        column, unit = split_unit(header)
+        unit = unit_elsewhere if unit is None else unit
+        if column not in CANONICAL_UNITS:
+            continue
+        if column in found:
+            raise LogError(f"{name}: the column {column} appears twice in the header; rename or remove one of them.")
+        if role == "gnss" and column in IMU_COLUMNS:
+            continue
+        factor = 1.0 if unit is None else unit_factor(column, unit, where=name)
+        found[column] = Column(index=index, factor=factor)
+    _require(name, headers, found, (TIME_COLUMN,))
+    if any(c in found for c in IMU_COLUMNS) or not any(c in found for c in GNSS_COLUMNS):
+        _require(name, headers, found, IMU_COLUMNS if role == "imu" else VELOCITY_COLUMNS)
+    for group in (VELOCITY_COLUMNS, POSITION_COLUMNS):
+        if any(c in found for c in group):
+            _require(name, headers, found, group)
+    return found
+
+
+def _require(name: str, headers: Sequence[str], found: dict[str, Column], wanted: Sequence[str]) -> None:
+    missing = [c for c in wanted if c not in found]
+    if not missing:
+        return
+    have = [split_unit(h)[0] for h in headers]
+    shown = ", ".join(have[:MAX_NAMES_SHOWN]) + (", ..." if len(have) > MAX_NAMES_SHOWN else "")
+    close = difflib.get_close_matches(missing[0], [h for h in have if h not in found], n=1)
+    hint = f" Is {close[0]} meant as {missing[0]}?" if close else ""
+    raise LogError(
+        f"{name}: the column{'s' if len(missing) > 1 else ''} {', '.join(missing)} "
+        f"{'are' if len(missing) > 1 else 'is'} missing (found: {shown}).{hint} "
+        "Name the columns canonically or describe them in a mapping file (mapping=)."
+    )
+
+
+def pieces_from_table(table: Table) -> Pieces:
+    """Return the IMU and GNSS data in a table of canonical columns.
+
+    A row is an IMU sample, a GNSS epoch, or both; what it is not, is empty.
+
+    Raises
+    ------
+    LogError
+        On empty or half-empty rows, infinite numbers, and time stamps that are absent or do not advance.
+    """
+    time = table.columns[TIME_COLUMN]
+    if time.size == 0:
+        raise LogError(f"{table.name}: the file has a header but no rows; record data or check the export.")
+    for column, values in table.columns.items():
+        _refuse(table, np.isinf(values), f"{column} is infinite", "remove that row")
+    _refuse(table, np.isnan(time), "the time stamp is absent", "every row needs one")
+    imu_rows, imu = _group(table, IMU_COLUMNS)
+    velocity_rows, velocity = _group(table, VELOCITY_COLUMNS)
+    position_rows, position = _group(table, POSITION_COLUMNS)
+    gnss_rows = velocity_rows | position_rows
+    if IMU_COLUMNS[0] in table.columns:
+        _refuse(table, ~imu_rows & ~gnss_rows, "the row has neither IMU readings nor a GNSS fix", "remove that row")
+        if not imu_rows.any():
+            raise LogError(f"{table.name}: every row of the IMU columns is empty; export the IMU readings too.")
+    if not gnss_rows.any() and any(c in table.columns for c in GNSS_COLUMNS):
+        raise LogError(f"{table.name}: the GNSS columns are empty on every row; a log needs GNSS fixes.")
+    _check_advancing(table, imu_rows)
+    _check_advancing(table, gnss_rows)
+    return Pieces(
+        imu=ImuData(time=time[imu_rows], gyro=imu[imu_rows, :3], accel=imu[imu_rows, 3:]) if imu_rows.any() else None,
+        gnss=_gnss(table, gnss_rows, velocity, position) if gnss_rows.any() else None,
+        left_out=table.left_out,
+    )
+
+
+def _group(table: Table, names: Sequence[str]) -> tuple[BoolArray, FloatArray]:
+    """Return which rows have the columns `names`, and the columns side by side; half a row is an error."""
+    size = table.columns[TIME_COLUMN].size
+    if names[0] not in table.columns:
+        return np.zeros(size, dtype=np.bool_), np.full((size, len(names)), np.nan)
+    values = np.column_stack([table.columns[c] for c in names])
+    present = ~np.isnan(values)
+    rows: BoolArray = np.logical_and.reduce(present, axis=1)
+    half = np.flatnonzero(present.any(axis=1) & ~rows)
+    if half.size:
+        k = int(half[0])
+        empty = ", ".join(c for c, here in zip(names, present[k], strict=True) if not here)
+        raise LogError(
+            f"{table.name}, {table.where(k)}: {empty} is empty where the other readings of the row are present "
+            f"({half.size} such rows in all); fill in the row or remove it."
+        )
+    return rows, values
+
+
+def _gnss(table: Table, rows: BoolArray, velocity: FloatArray, position: FloatArray) -> GnssData:
+    latitude, longitude = np.abs(position[:, 0]), np.abs(position[:, 1])
+    beyond = (latitude > 90.0) | (longitude > 360.0)
+    _refuse(table, beyond, "lat or lon is beyond the globe", "give degrees as decimal numbers, not ddmm.mmmm")
+
+    def column(name: str) -> FloatArray | None:
+        return none_if_absent(table.columns[name][rows]) if name in table.columns else None
+
+    position_rad = np.column_stack((np.radians(position[:, :2]), position[:, 2]))
+    return GnssData(
+        time=table.columns[TIME_COLUMN][rows],
+        velocity_ned=none_if_absent(velocity[rows]),
+        velocity_std=column(VELOCITY_STD_COLUMN),
+        position_llh=none_if_absent(position_rad[rows]),
+        position_std=column(POSITION_STD_COLUMN),
+    )
+
+
+def _refuse(table: Table, bad: BoolArray, what: str, remedy: str) -> None:
+    rows = np.flatnonzero(bad)
+    if rows.size:
+        raise LogError(f"{table.name}, {table.where(int(rows[0]))}: {what} ({rows.size} such rows in all); {remedy}.")
+
+
+def _check_advancing(table: Table, rows: BoolArray) -> None:
+    time = table.columns[TIME_COLUMN][rows]
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        k = int(back[0])
+        row = int(np.flatnonzero(rows)[k + 1])
+        raise LogError(
+            f"{table.name}, {table.where(row)}: the time does not advance, {time[k + 1]:.6f} s comes after "
+            f"{time[k]:.6f} s ({back.size} such rows in all). Sort the rows and drop repeated stamps."
+        )

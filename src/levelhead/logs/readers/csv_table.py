@@ -1,0 +1,242 @@
+"""Numbers out of comma-separated text: quickly by pyarrow where all is well, line by line to say what is not.
+
+A recording that was cut off ends with half a line, one that was cut out of a longer one begins with half a
+line; such a line is left out and counted. A bad line anywhere else is an error that names it.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from levelhead.conventions import FloatArray
+from levelhead.errors import LogError
+
+_LINE_END: Final = b"\r\n"
+_BLANK: Final = frozenset({"", "nan", "NaN", "NA", "null", "NULL", "N/A", "#N/A", "n/a", "-nan", "-NaN"})
+"""Cells that mean "absent": those of the list of pyarrow that occur in practice."""
+_NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?)\s*", re.IGNORECASE)
+_PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*")
+MAX_TEXT_SHOWN: Final = 40
+"""Characters of a bad cell that an error shows at most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CsvLayout:
+    """How a text file is laid out.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Column names; without a header the column numbers from "1" on.
+    start : int
+        Byte at which the first row begins.
+    first_line : int
+        Line number of the first row, from 1.
+    """
+
+    names: tuple[str, ...]
+    header: bool
+    delimiter: str
+    start: int
+    first_line: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CsvNumbers:
+    """Columns as they stand in the file; `where` names the line of a row, `left_out` counts cut lines."""
+
+    columns: Mapping[str, FloatArray]
+    path: Path
+    start: int
+    first_line: int
+    left_out: int
+
+    def where(self, row: int) -> str:
+        """Return "line 17" for a row (from 0); the file is read again to count its blank lines."""
+        seen = -1
+        lines = self.path.read_bytes()[self.start :].split(b"\n")
+        for offset, line in enumerate(lines):
+            seen += bool(line.strip(_LINE_END))
+            if seen == row:
+                return f"line {self.first_line + offset}"
+        return f"row {row + 1}"
+
+
+def is_text(head: bytes) -> bool:
+    """Return whether the beginning of a file is text: UTF-8 without control characters."""
+    if any(c < 32 and c not in b"\t\r\n" for c in head.rstrip(b"\0")):
+        return False
+    try:
+        head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        # The head may end in the middle of a character.
+        return error.start > len(head) - 4
+    return True
+
+
+def find_layout(content: bytes, *, name: str, header: bool = True, delimiter: str = ",") -> CsvLayout:
+    """Find the first row of a CSV text, behind comment lines (``#``), blank lines and the header.
+
+    Raises
+    ------
+    LogError
+        When the text holds no line, or is not text.
+    """
+    at, line_number = 0, 0
+    if content.startswith(b"\xef\xbb\xbf"):
+        at = 3
+    while at < len(content):
+        end = content.find(b"\n", at)
+        end = len(content) if end < 0 else end + 1
+        line_number += 1
+        line = content[at:end]
+        if line.strip() and not line.lstrip().startswith(b"#"):
+            cells = _cells(line, delimiter)
+            if header:
+                names = tuple(c.strip() for c in cells)
+                return CsvLayout(names=names, header=True, delimiter=delimiter, start=end, first_line=line_number + 1)
+            # The first line may be cut: the second one knows how many columns there are.
+            second = content[end:].partition(b"\n")[0]
+            count = len(_cells(second, delimiter)) if second.strip() else len(cells)
+            names = tuple(str(k + 1) for k in range(count))
+            return CsvLayout(names=names, header=False, delimiter=delimiter, start=at, first_line=line_number)
+        at = end
+    raise LogError(f"{name}: the file holds no line of data; check the export.")
+
+
+def read_numbers(
+    path: Path, content: bytes, layout: CsvLayout, wanted: Mapping[str, int], *, time_column: str
+) -> CsvNumbers:
+    """Read columns of a CSV text as float64; an empty cell is NaN.
+
+    Parameters
+    ----------
+    path : Path
+        Where `content` comes from, for errors.
+    content : bytes
+        The whole file.
+    layout : CsvLayout
+        See `find_layout`.
+    wanted : mapping
+        Name in the result to index of the column, from 0.
+    time_column : str
+        The key of `wanted` whose numbers advance: it shows a last line that was cut within its time stamp.
+
+    Raises
+    ------
+    LogError
+        On a line with the wrong number of columns and on text in place of a number.
+    """
+    start, first_line, left_out = layout.start, layout.first_line, 0
+    body = content[start:].rstrip(_LINE_END)
+    ended = content.endswith(b"\n")
+    if body.endswith(b"\0"):
+        # What a power cut leaves on a memory card: the length of the file was written, its last block was not.
+        body = body.rstrip(b"\0")
+        body, ended, left_out = body[: body.rfind(b"\n") + 1], True, 1
+    first, last = _line(body, first=True), _line(body, first=False)
+    # Where a file has a header, that was its first line, and the first row is whole.
+    begins_empty = 0 in wanted.values() and first.startswith(layout.delimiter.encode())
+    if first and not layout.header and (begins_empty or _is_cut(first, layout, wanted)):
+        cut = body.find(b"\n") + 1
+        start, body, first_line, left_out = start + cut, body[cut:] if cut else b"", first_line + 1, left_out + 1
+    ends_early = not ended and (
+        last.endswith(layout.delimiter.encode()) or _steps_back(body, layout, wanted[time_column])
+    )
+    if body and (ends_early or _is_cut(last, layout, wanted)):
+        body = body[: body.rfind(b"\n") + 1]
+        left_out += 1
+    columns = _parse(path, body, layout, wanted, first_line)
+    return CsvNumbers(columns=columns, path=path, start=start, first_line=first_line, left_out=left_out)
+
+
+def _parse(
+    path: Path, body: bytes, layout: CsvLayout, wanted: Mapping[str, int], first_line: int
+) -> dict[str, FloatArray]:
+    """Let pyarrow parse rows; where it fails, find the reason."""
+    if not body.strip():
+        return {name: np.empty(0) for name in wanted}
+    import pyarrow as pa
+    from pyarrow import csv as arrow_csv
+
+    keys = [f"c{k}" for k in range(len(layout.names))]
+    used = sorted({keys[index] for index in wanted.values()})
+    try:
+        table = arrow_csv.read_csv(
+            pa.BufferReader(pa.py_buffer(body)),
+            read_options=arrow_csv.ReadOptions(column_names=keys),
+            parse_options=arrow_csv.ParseOptions(delimiter=layout.delimiter),
+            convert_options=arrow_csv.ConvertOptions(
+                column_types=dict.fromkeys(used, pa.float64()), include_columns=used, null_values=sorted(_BLANK)
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        raise LogError(_explain(path.name, body, layout, wanted, first_line, str(error))) from error
+    return {name: table.column(keys[index]).to_numpy() for name, index in wanted.items()}
+
+
+def _explain(name: str, body: bytes, layout: CsvLayout, wanted: Mapping[str, int], first_line: int, reason: str) -> str:
+    """Return the sentence for the first line that pyarrow cannot take."""
+    for number, line in enumerate(body.split(b"\n"), first_line):
+        if not line.strip(_LINE_END):
+            continue
+        cells = _cells(line, layout.delimiter)
+        if len(cells) != len(layout.names):
+            return (
+                f"{name}, line {number}: the line has {len(cells)} columns where {len(layout.names)} are expected; "
+                "repair or remove the line."
+            )
+        for index in wanted.values():
+            if not _is_number(cells[index]):
+                column = layout.names[index] if layout.header else f"number {layout.names[index]}"
+                return (
+                    f"{name}, line {number}: the column {column} holds the text {_shown(cells[index])} where a number "
+                    "is expected; repair or remove the line."
+                )
+    return f"{name}: the text cannot be parsed as CSV ({reason}); check the export."
+
+
+def _is_cut(line: bytes, layout: CsvLayout, wanted: Mapping[str, int]) -> bool:
+    """Return whether a line lacks columns, or a wanted cell holds a piece of a number such as ``-`` or ``1.2e``."""
+    cells = _cells(line, layout.delimiter)
+    if len(cells) < len(layout.names):
+        return bool(line.strip())
+    if len(cells) > len(layout.names):
+        return False
+    texts = (cells[index].strip() for index in wanted.values())
+    return any(not _is_number(t) and _PIECE_OF_NUMBER.fullmatch(t) for t in texts)
+
+
+def _steps_back(body: bytes, layout: CsvLayout, index: int) -> bool:
+    """Return whether the time stamp of the last line is before that of the line above: its end was cut off."""
+    above, _, last = body.rpartition(b"\n")
+    texts = [_cells(line, layout.delimiter) for line in (_line(above, first=False), last)]
+    if any(len(cells) != len(layout.names) or _NUMBER.fullmatch(cells[index]) is None for cells in texts):
+        return False
+    return float(texts[1][index]) <= float(texts[0][index])
+
+
+def _line(body: bytes, *, first: bool) -> bytes:
+    """Return the first or the last line that is not blank."""
+    body = body.strip(_LINE_END)
+    return body.partition(b"\n")[0] if first else body.rpartition(b"\n")[2]
+
+
+def _cells(line: bytes, delimiter: str) -> Sequence[str]:
+    text = line.decode("utf-8", errors="replace").strip("\r\n")
+    return next(csv.reader([text], delimiter=delimiter), [])
+
+
+def _is_number(text: str) -> bool:
+    return text.strip() in _BLANK or _NUMBER.fullmatch(text) is not None
+
+
+def _shown(text: str) -> str:
+    return repr(text if len(text) <= MAX_TEXT_SHOWN else text[:MAX_TEXT_SHOWN] + "...")

@@ -1,0 +1,178 @@
+"""RTKLIB's solution file ``.pos``: GNSS only, geodetic positions and, where configured, velocities.
+
+Header lines begin with ``%``; the last one names the columns. Times are calendar or GPS week and second, in GPST or
+UTC; `vu` is UP. See RTKLIB's manual, appendix B.1.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from levelhead.conventions import FloatArray
+from levelhead.errors import LogError
+from levelhead.logs.pieces import GnssData, Pieces, none_if_absent
+from levelhead.logs.readers.base import Reader, Source
+from levelhead.logs.readers.csv_table import is_text
+
+TextArray = NDArray[np.str_]
+
+GPS_EPOCH_S: Final = 315964800.0
+"""1980-01-06 in seconds since 1970, calendar count (both without leap seconds)."""
+WEEK_S: Final = 604800.0
+TIME_SCALES: Final = ("GPST", "UTC", "JST")
+
+_COLUMN_LINE = re.compile(rb"^%\s*(GPST|UTC|JST)\b(.*)$", re.MULTILINE)
+_POSITION: Final = ("latitude", "longitude", "height")
+
+
+def sniff(head: bytes) -> bool:
+    """Return whether the text has RTKLIB's line of column names, or its program line."""
+    return is_text(head) and head.startswith(b"%") and (b"RTKLIB" in head or _COLUMN_LINE.search(head) is not None)
+
+
+def read(source: Source) -> Pieces:
+    """Read a ``.pos`` file; times become seconds since 1970 in the file's own time scale.
+
+    Raises
+    ------
+    LogError
+        On formats without latitude, longitude and height in degrees, and on lines that are no solution.
+    """
+    name = source.path.name
+    content = source.path.read_bytes()
+    scale, names = _column_names(name, content)
+    lines, numbers_of, left_out = _solution_lines(content, len(names) + 2)
+    tokens = _tokens(name, lines, numbers_of, len(names) + 2)
+    if len(tokens) == 0:
+        raise LogError(f"{name}: the file has a header but no solution; check RTKLIB's processing.")
+    time = _times(name, tokens, numbers_of)
+    values = {n: _numbers(name, n, tokens[:, k + 2], numbers_of) for k, n in enumerate(names) if n in _USED}
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        raise LogError(
+            f"{name}, line {numbers_of[int(back[0]) + 1]}: the time does not advance ({back.size} such lines in all); "
+            "sort the solutions and drop repeated ones."
+        )
+    llh = np.column_stack([values[n] for n in _POSITION])
+    gnss = GnssData(
+        time=time,
+        velocity_ned=_triple(values, ("vn", "ve", "vu"), down=-1.0),
+        velocity_std=_deviations(values, ("sdvn", "sdve", "sdvu")),
+        position_llh=np.column_stack((np.radians(llh[:, :2]), llh[:, 2])),
+        position_std=_deviations(values, ("sdn", "sde", "sdu")),
+    )
+    return Pieces(gnss=gnss, left_out=left_out, meta={"gnss_time_scale": scale})
+
+
+_USED: Final = frozenset((*_POSITION, "vn", "ve", "vu", "sdvn", "sdve", "sdvu", "sdn", "sde", "sdu"))
+
+
+def _column_names(name: str, content: bytes) -> tuple[str, list[str]]:
+    """Return the time scale and the names of the columns after the time, without their units."""
+    matches = list(_COLUMN_LINE.finditer(content))
+    if not matches:
+        raise LogError(f'{name}: no header line names the columns ("%  GPST  latitude(deg) ..."); export with header.')
+    text = matches[-1].group(2).decode("utf-8", errors="replace").replace(",", " ")
+    names = text.split()
+    if "latitude(deg)" not in names or "longitude(deg)" not in names:
+        raise LogError(
+            f"{name}: the solutions are not latitude, longitude and height in degrees (the columns are "
+            f"{', '.join(names[:3])}); set RTKLIB's out-solformat = llh and out-degform = deg."
+        )
+    return matches[-1].group(1).decode(), [n.partition("(")[0] for n in names]
+
+
+def _solution_lines(content: bytes, width: int) -> tuple[list[bytes], list[int], int]:
+    """Return the solution lines with their line numbers; a cut last line is left out and counted."""
+    body = content.rstrip(b"\r\n\0")
+    numbered = [
+        (number, line.replace(b",", b" "))
+        for number, line in enumerate(body.split(b"\n"), 1)
+        if line.strip() and not line.startswith(b"%")
+    ]
+    # RTKLIB ends every line: a last one without end, or too short, was cut.
+    ended = content.endswith(b"\n")
+    left_out = 0
+    if numbered and (not ended or len(numbered[-1][1].split()) < width):
+        numbered.pop()
+        left_out = 1
+    return [line for _, line in numbered], [number for number, _ in numbered], left_out
+
+
+def _tokens(name: str, lines: Sequence[bytes], numbers_of: Sequence[int], width: int) -> TextArray:
+    """Return the words of all lines, shape (lines, width)."""
+    rows = [line.decode("utf-8", errors="replace").split() for line in lines]
+    for row, number in zip(rows, numbers_of, strict=True):
+        if len(row) != width:
+            raise LogError(
+                f"{name}, line {number}: the line has {len(row)} columns where {width} are expected; repair or remove "
+                "the line."
+            )
+    return np.array(rows, dtype=np.str_).reshape(len(rows), width)
+
+
+def _times(name: str, tokens: TextArray, numbers_of: Sequence[int]) -> FloatArray:
+    """Return seconds since 1970: from ``yyyy/mm/dd hh:mm:ss.sss``, or from GPS week and second of the week."""
+    if "/" not in tokens[0, 0]:
+        week = _numbers(name, "week", tokens[:, 0], numbers_of)
+        return GPS_EPOCH_S + WEEK_S * week + _numbers(name, "second of the week", tokens[:, 1], numbers_of)
+    stamps = [f"{day.replace('/', '-')}T{clock}" for day, clock in tokens[:, :2]]
+    try:
+        instants = np.array(stamps, dtype="datetime64[us]")
+    except ValueError:
+        bad = next(k for k, stamp in enumerate(stamps) if not _is_instant(stamp))
+        raise LogError(
+            f"{name}, line {numbers_of[bad]}: {' '.join(tokens[bad, :2])!r} is not a time; repair or remove the line."
+        ) from None
+    return instants.astype(np.int64).astype(np.float64) / 1e6
+
+
+def _is_instant(text: str) -> bool:
+    try:
+        np.datetime64(text, "us")
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(name: str, column: str, texts: TextArray, numbers_of: Sequence[int]) -> FloatArray:
+    try:
+        values = texts.astype(np.float64)
+    except ValueError:
+        values = np.array([_number_or_nan(text) for text in texts])
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        k = int(bad[0])
+        raise LogError(
+            f"{name}, line {numbers_of[k]}: the column {column} holds {str(texts[k])!r} where a number is expected; "
+            "repair or remove the line."
+        )
+    return values
+
+
+def _number_or_nan(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _triple(values: dict[str, FloatArray], names: tuple[str, str, str], *, down: float = 1.0) -> FloatArray | None:
+    if any(n not in values for n in names):
+        return None
+    north, east, vertical = (values[n] for n in names)
+    return np.column_stack((north, east, down * vertical))
+
+
+def _deviations(values: dict[str, FloatArray], names: tuple[str, str, str]) -> FloatArray | None:
+    """Return standard deviations; RTKLIB writes 0 where it knows none."""
+    triple = _triple(values, names)
+    return None if triple is None else none_if_absent(np.where(triple > 0.0, triple, np.nan))
+
+
+READER: Final = Reader(name="rtklib-pos", title="RTKLIB solution (.pos)", sniff=sniff, read=read)
