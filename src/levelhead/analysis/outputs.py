@@ -8,11 +8,21 @@ from pathlib import Path
 
 from levelhead.atomic import atomic_path
 from levelhead.conventions import AXES, FloatArray, StatusArray
+from levelhead.errors import OutputError
 from levelhead.estimators.base import Result
 from levelhead.logs.writers import write_table
 from levelhead.sim import Truth
 
 Column = FloatArray | StatusArray
+
+
+def make_folder(folder: Path) -> Path:
+    """Make a folder for results, with its parents; an OutputError says why it cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"The folder {folder} cannot be made: {error.strerror}. Name another one with -o.") from None
+    return folder
 
 
 def result_columns(result: Result) -> tuple[dict[str, Column], dict[str, str]]:

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from levelhead.analysis.estimation import estimate
-from levelhead.analysis.outputs import write_report, write_result, write_summary
+from levelhead.analysis.outputs import make_folder, write_report, write_result, write_summary
 from levelhead.cli.console import progress, show_result, terminal
 from levelhead.sim import simulate
 
@@ -23,6 +23,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Same seed, same drive.")] = 1,
 ) -> None:
     """Simulate a tractor on a field for half an hour, find its biases, and write a report; opens nothing."""
+    make_folder(output)
     begin = perf_counter()
     with progress("Simulating 30 minutes on a field"):
         log, truth = simulate("field", seed=seed, duration=1800.0)

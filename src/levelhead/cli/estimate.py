@@ -11,7 +11,7 @@ import typer
 
 from levelhead.analysis.estimation import DEFAULT_METHOD
 from levelhead.analysis.estimation import estimate as estimate_log
-from levelhead.analysis.outputs import write_report, write_result, write_summary
+from levelhead.analysis.outputs import make_folder, write_report, write_result, write_summary
 from levelhead.cli.console import progress, say_error, show_result, terminal
 from levelhead.cli.options import FormatOption, GnssOption, MappingOption, read_log
 from levelhead.cli.settings import load_params
@@ -78,6 +78,7 @@ def _one(
     with progress(f"Estimating {path.name}") as report:
         result = estimate_log(log, method, params=constants, progress=report)
     estimated = perf_counter()
+    make_folder(folder)
     write_result(result, folder / "result.parquet")
     result = replace(result, runtime_s={"read": read_done - begin, "estimate": estimated - read_done})
     write_report(result, folder / "report.html", title=path.name)

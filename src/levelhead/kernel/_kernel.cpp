@@ -281,8 +281,8 @@ nb::class_<Stream<Estimator>> bind_stream(nb::module_& m, const char* name, uint
         return nb::cast(nb::ndarray<nb::numpy, const double, nb::shape<3, 3>>(values), nb::rv_policy::copy);
     }, "Attitude (3, 3): the platform's body-to-NED matrix.");
     c.def_prop_ro("residual", [](const St& s) {
-        const auto r = residual(s.estimator.excitation);
-        return nb::make_tuple(double(r.gyro), double(r.accel), double(r.heading));
+        const auto r = residual_squared(s.estimator.excitation);
+        return nb::make_tuple(sqrt(double(r.gyro)), sqrt(double(r.accel)), sqrt(double(r.heading)));
     }, "Fraction of the initial (gyro, accel, heading) errors that can be left in the averaged loop.");
     return c;
 }

@@ -10,7 +10,7 @@ import numpy as np
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.events import Event
-from levelhead.logs.geodesy import steps_ned
+from levelhead.logs.geodesy import shortest_turn, steps_ned
 from levelhead.logs.log import Log
 
 MAX_STEP_S: Final = 5.0
@@ -79,6 +79,6 @@ def velocity_from_position(log: Log) -> Log:
 
 def _midpoints(position_llh: FloatArray) -> FloatArray:
     """Return the mean of each position and the next; over the date line too."""
-    half = 0.5 * np.diff(position_llh, axis=0)
-    half[:, 1] = 0.5 * (np.remainder(2.0 * half[:, 1] + np.pi, 2.0 * np.pi) - np.pi)
-    return position_llh[:-1] + half
+    step = np.diff(position_llh, axis=0)
+    step[:, 1] = shortest_turn(step[:, 1])
+    return position_llh[:-1] + 0.5 * step

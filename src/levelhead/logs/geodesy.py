@@ -14,6 +14,11 @@ ECCENTRICITY_SQUARED: Final = 6.69437999014e-3
 """WGS-84 first eccentricity squared."""
 
 
+def shortest_turn(angle: FloatArray) -> FloatArray:
+    """Return the angle (rad) without full turns: a step over the date line is a short one, not a tour of the world."""
+    return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+
+
 def steps_ned(position_llh: FloatArray) -> FloatArray:
     """Return the displacement from each position to the next, in the NED frame of their midpoint.
 
@@ -30,8 +35,7 @@ def steps_ned(position_llh: FloatArray) -> FloatArray:
     """
     middle = 0.5 * (position_llh[1:] + position_llh[:-1])
     step = np.diff(position_llh, axis=0)
-    # A step over the date line is a short one, not a tour of the world.
-    east_angle = np.remainder(step[:, 1] + np.pi, 2.0 * np.pi) - np.pi
+    east_angle = shortest_turn(step[:, 1])
     root = 1.0 - ECCENTRICITY_SQUARED * np.sin(middle[:, 0]) ** 2
     meridian = SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / root**1.5
     transverse = SEMI_MAJOR_AXIS / np.sqrt(root)

@@ -17,8 +17,12 @@ EARTH_RADIUS: Final = 6371008.8
 """Mean radius, m; a picture of the path does not need the ellipsoid."""
 SUBPIXEL: Final = 10
 """The path is drawn in whole tenths of a pixel."""
-WIDTH, HEIGHT: Final = 600, 560
-LEFT, RIGHT, TOP, BOTTOM: Final = 58, 12, 12, 44
+WIDTH: Final = 600
+HEIGHT: Final = 560
+LEFT: Final = 58
+RIGHT: Final = 12
+TOP: Final = 12
+BOTTOM: Final = 44
 
 
 @dataclass(frozen=True, kw_only=True)

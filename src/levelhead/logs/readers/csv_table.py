@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,9 @@ _BLANK: Final = frozenset({"", "nan", "NaN", "NA", "null", "NULL", "N/A", "#N/A"
 """Cells that mean "absent": those of the list of pyarrow that occur in practice."""
 _NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?)\s*", re.IGNORECASE)
 _PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*")
+LAYOUT_LINES: Final = 5
+"""Lines whose columns are counted where no header names them."""
+MAX_LAYOUT_BYTES: Final = 65536
 MAX_TEXT_SHOWN: Final = 40
 """Characters of a bad cell that an error shows at most."""
 
@@ -102,9 +106,9 @@ def find_layout(content: bytes, *, name: str, header: bool = True, delimiter: st
             if header:
                 names = tuple(c.strip() for c in cells)
                 return CsvLayout(names=names, header=True, delimiter=delimiter, start=end, first_line=line_number + 1)
-            # The first line may be cut: the second one knows how many columns there are.
-            second = content[end:].partition(b"\n")[0]
-            count = len(_cells(second, delimiter)) if second.strip() else len(cells)
+            # The first line may be cut: most of the first ones say how many columns there are, in doubt a later one.
+            lines = [row for row in content[at : at + MAX_LAYOUT_BYTES].split(b"\n") if row.strip()][:LAYOUT_LINES]
+            count = statistics.mode(len(_cells(row, delimiter)) for row in reversed(lines))
             names = tuple(str(k + 1) for k in range(count))
             return CsvLayout(names=names, header=False, delimiter=delimiter, start=at, first_line=line_number)
         at = end
@@ -231,7 +235,11 @@ def _line(body: bytes, *, first: bool) -> bytes:
 
 def _cells(line: bytes, delimiter: str) -> Sequence[str]:
     text = line.decode("utf-8", errors="replace").strip("\r\n")
-    return next(csv.reader([text], delimiter=delimiter), [])
+    try:
+        return next(csv.reader([text], delimiter=delimiter), [])
+    except csv.Error:
+        # A cell of more than 128 KiB: no number, whatever it is; as one cell it is refused with a sentence.
+        return [text]
 
 
 def _is_number(text: str) -> bool:

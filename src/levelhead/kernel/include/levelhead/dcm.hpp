@@ -35,7 +35,7 @@ struct RotationCoefficients {
 };
 
 template <class S>
-RotationCoefficients<S> rotation_coefficients(S angle_squared) {
+LEVELHEAD_HOT RotationCoefficients<S> rotation_coefficients(S angle_squared) {
     const S q = angle_squared;
     // Below 0.25 rad these series are exact to the last bit of a double; the terms are 1/(2k+1)! and 1/(2k+2)!.
     S a = S(1) - q * (S(1.0 / 6) - q * (S(1.0 / 120) - q * (S(1.0 / 5040) - q * (S(1.0 / 362880) - q * S(1.0 / 39916800)))));
@@ -52,7 +52,7 @@ RotationCoefficients<S> rotation_coefficients(S angle_squared) {
 
 // C <- C exp([phi x]): the body turns by phi (body axes, rad).
 template <class S>
-Dcm<S> rotated_in_body(const Dcm<S>& c, const Vec3<S>& phi) {
+LEVELHEAD_HOT Dcm<S> rotated_in_body(const Dcm<S>& c, const Vec3<S>& phi) {
     const RotationCoefficients<S> k = rotation_coefficients(dot(phi, phi));
     // row' = row + a (row x phi) + b ((row x phi) x phi), since row [phi x] = row x phi.
     const auto turned = [&](const Vec3<S>& row) {

@@ -41,24 +41,25 @@ void excite(Excitation<S>& e, S p, S q, S steered) {
 
 template <class S>
 struct Residual {
-    S gyro, accel, heading;  // at most this fraction of the initial errors is left
+    S gyro, accel, heading;  // at most this fraction of the initial errors is left, squared
 };
 
 template <class S>
-Residual<S> residual(const Excitation<S>& e) {
-    const S gg = S(1) + e.gg, aa = S(1) + e.aa;
-    return {square_root(gg * gg + e.ga * e.ga), square_root(aa * aa + e.ag * e.ag), S(1) + e.heading};
+Residual<S> residual_squared(const Excitation<S>& e) {
+    const S gg = S(1) + e.gg, aa = S(1) + e.aa, h = S(1) + e.heading;
+    return {gg * gg + e.ga * e.ga, aa * aa + e.ag * e.ag, h * h};
 }
 
 // For scalar lanes: status bits from what is left.
 template <class S>
 uint32_t excitation_status(const Excitation<S>& e) {
-    const Residual<S> left = residual(e);
-    const bool gyro = left.gyro < S(settled_fraction), accel = left.accel < S(settled_fraction);
+    constexpr double limit = settled_fraction * settled_fraction;
+    const Residual<S> left = residual_squared(e);
+    const bool gyro = left.gyro < S(limit), accel = left.accel < S(limit);
     const bool turned = e.accel > S(enough_driving), driven = e.gyro > S(enough_driving);
     return (gyro ? GYRO_SETTLED : 0u) | (accel ? ACCEL_SETTLED : 0u) | (turned ? 0u : ACCEL_UNOBSERVABLE) |
            (driven && turned && !(gyro && accel) ? UNSEPARATED : 0u) |
-           (left.heading < S(settled_fraction) ? HEADING_SETTLED : 0u);
+           (left.heading < S(limit) ? HEADING_SETTLED : 0u);
 }
 
 }  // namespace levelhead

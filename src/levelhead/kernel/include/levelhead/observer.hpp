@@ -30,7 +30,7 @@ struct Observer {
     Vec3<S> gyro_bias, accel_bias;
     Excitation<S> excitation;
 
-    void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
+    LEVELHEAD_HOT void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
         const Vec3<S> body_z = {S(0), S(0), S(1)};
         const Vec3<S> vertical = k.paper_gain ? body_z : platform.dcm_body_to_ned.z;
         advance(platform, dt, gyro - gyro_bias, accel - accel_bias, vertical);

@@ -56,13 +56,6 @@ struct Interval {
     S waiting;                  // 1 where start-up needs a longer interval: it goes on from its first epoch
 };
 
-template <class S>
-void reset_interval(PlatformState<S>& p) {
-    p.dcm_at_epoch = p.dcm_body_to_ned;
-    p.delta_velocity = {S(0), S(0), S(0)};
-    p.turn = S(0);
-}
-
 // Forget the attitude, not the biases: the next epochs level the platform anew.
 template <class S>
 void restart(PlatformState<S>& p, const Vec3<S>& specific_force) {
@@ -71,37 +64,40 @@ void restart(PlatformState<S>& p, const Vec3<S>& specific_force) {
     p.hold = S(0);
     p.have_velocity = p.aligned = p.heading_known = p.reverse = S(0);
     p.samples = 0;
-    reset_interval(p);
+    p.dcm_at_epoch = p.dcm_body_to_ned;
+    p.delta_velocity = {S(0), S(0), S(0)};
+    p.turn = S(0);
 }
 
 // Eq. (1): C' = C [w x] - [w_p x] C = C [(w - C^T w_p) x], one exact rotation per sample. `vertical` is the axis whose
 // rate counts as yaw rate.
 template <class S>
-void advance(PlatformState<S>& p, S dt, const Vec3<S>& w, const Vec3<S>& f, const Vec3<S>& vertical) {
+LEVELHEAD_HOT void advance(PlatformState<S>& p, S dt, const Vec3<S>& w, const Vec3<S>& f, const Vec3<S>& vertical) {
+    const Dcm<S> c = p.dcm_body_to_ned;
     const S dt_control = minimum(dt, p.hold);
     p.hold = p.hold - dt_control;
     // w_p is steady in the platform's axes, so the body sees it at half of its own turn: u - theta x u / 2.
     const Vec3<S> theta = w * dt;
-    const Vec3<S> control = transposed_times(p.dcm_body_to_ned, p.control_rate_ned) * dt_control;
+    const Vec3<S> control = transposed_times(c, p.control_rate_ned) * dt_control;
     const Vec3<S> phi = theta - control + cross(theta, control) * S(0.5);
     // Eq. (2) integrated: C f with the half rotation that the body makes meanwhile.
     const Vec3<S> dv = f * dt;
-    p.delta_velocity = p.delta_velocity + p.dcm_body_to_ned * (dv + cross(phi, dv) * S(0.5));
-    p.turn = p.turn + dot(vertical, w) * dt;
+    p.delta_velocity = p.delta_velocity + c * (dv + cross(phi, dv) * S(0.5));
+    p.turn = p.turn + dot(vertical, theta);
     p.angular_rate = w;
-    p.dcm_body_to_ned = rotated_in_body(p.dcm_body_to_ned, phi);
+    p.dcm_body_to_ned = rotated_in_body(c, phi);
     if (++p.samples % orthonormalize_every == 0) p.dcm_body_to_ned = orthonormalized(p.dcm_body_to_ned);
 }
 
 // Level from the specific force over the interval, corrected by the GNSS acceleration; heading from the course. In a hard
 // turn the two disturb each other (levelling about a slanted axis also turns the heading), so they take turns; each round
-// leaves at most half of what was wrong at 1 g of acceleration, a hundredth at 0.1 g.
+// leaves at most half of what was wrong at 1 g of acceleration, a hundredth at 0.1 g. `rate` is one over the length.
 template <class S, class Mask>
-void align(PlatformState<S>& p, Mask with_course, S course, const Vec3<S>& gnss_force, S length) {
+void align(PlatformState<S>& p, Mask with_course, S course, const Vec3<S>& gnss_force, S rate) {
     constexpr int rounds = 6;
     Dcm<S> c = p.dcm_body_to_ned;
     // The mean specific force, kept in the body's axes at the epoch so that it follows each correction.
-    const Vec3<S> measured = transposed_times(c, p.delta_velocity * (S(1) / length));
+    const Vec3<S> measured = transposed_times(c, p.delta_velocity * rate);
     for (int i = 0; i < rounds; ++i) {
         c = turned_about_vertical(c, select(with_course, wrap_angle(course - heading(c)), S(0)));
         c = carried(c, c * measured, gnss_force);
@@ -124,14 +120,15 @@ template <class S>
 Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, S length, bool usable, const Vec3<S>& velocity,
                            S velocity_std) {
     const Vec3<S> v = velocity - p.dcm_body_to_ned * cross(p.angular_rate, k.lever_arm);
-    const S speed = square_root(v.x * v.x + v.y * v.y);
-    const S speed_before = square_root(p.velocity_ned.x * p.velocity_ned.x + p.velocity_ned.y * p.velocity_ned.y);
+    const S speed2 = v.x * v.x + v.y * v.y;
+    const S speed2_before = p.velocity_ned.x * p.velocity_ned.x + p.velocity_ned.y * p.velocity_ned.y;
     const S course = arc_tangent(v.y, v.x);
     // An unknown std (NaN) compares false and lets the speed decide alone.
-    const auto trusted = (speed > k.min_course_speed) & !(velocity_std > S(max_course_std) * speed);
-    const S safe_length = maximum(length, S(1e-6));
+    const auto trusted = (speed2 > k.min_course_speed * k.min_course_speed) &
+                         !(velocity_std * velocity_std > S(max_course_std * max_course_std) * speed2);
+    const S rate = S(1) / maximum(length, S(1e-6));
     const Vec3<S> gravity = {S(0), S(0), k.gravity};
-    const Vec3<S> gnss_force = (v - p.velocity_ned) * (S(1) / safe_length) - gravity;
+    const Vec3<S> gnss_force = (v - p.velocity_ned) * rate - gravity;
     const auto closed = (p.have_velocity > S(0.5)) & usable;
     const auto was_aligned = p.aligned > S(0.5);
     const auto knew_heading = p.heading_known > S(0.5);
@@ -143,7 +140,7 @@ Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, S le
     const auto waiting = closed & !was_aligned & !(length >= S(align_time) * S(0.999));
     if (any(align_now)) {
         PlatformState<S> q = p;
-        align(q, trusted, course, gnss_force, safe_length);
+        align(q, trusted, course, gnss_force, rate);
         p.dcm_body_to_ned = select(align_now, q.dcm_body_to_ned, p.dcm_body_to_ned);
         p.aligned = select(align_now, S(1), p.aligned);
         p.heading_known = select(align_now & trusted, S(1), p.heading_known);
@@ -155,14 +152,15 @@ Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, S le
     }
 
     // Running: w_p = -k x (f_gnss - f_p), k = (0, 0, -1/(g tau)); a correction never exceeds what was measured (T <= tau).
-    const Vec3<S> d = gnss_force - p.delta_velocity * (S(1) / safe_length);
-    const S gain = minimum(S(1), k.tau / safe_length) / (k.gravity * k.tau);
-    const auto at_rest = (speed < S(standstill_speed)) & (speed_before < S(standstill_speed));
+    const Vec3<S> d = gnss_force - p.delta_velocity * rate;
+    const S gain = minimum(S(1) / k.tau, rate) / k.gravity;
+    const S rest2 = S(standstill_speed * standstill_speed);
+    const auto at_rest = (speed2 < rest2) & (speed2_before < rest2);
     const auto level = closed & was_aligned & (knew_heading | at_rest);
     const auto steer = closed & was_aligned & knew_heading & trusted;
     const S level_gain = select(level, gain, S(0));
     const S innovation = course_innovation(p, steer, course);
-    const S steer_gain = select(steer, minimum(S(1), k.tau_heading / safe_length) / k.tau_heading, S(0));
+    const S steer_gain = select(steer, minimum(S(1) / k.tau_heading, rate), S(0));
     const Vec3<S> w_level = {-d.y * level_gain, d.x * level_gain, S(0)};
     const Vec3<S> w_p = {w_level.x, w_level.y, -innovation * steer_gain};
     p.control_rate_ned = w_p;
@@ -176,20 +174,17 @@ Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, S le
     out.control_rate_body_level = transposed_times(mean, w_level);
     out.control_rate_body = transposed_times(mean, w_p);
     out.down_body = mean.z;
-    out.yaw_rate = p.turn / safe_length;
+    out.yaw_rate = p.turn * rate;
     out.learn = select(level, S(1), S(0));
     out.steered = select(steer, S(1), S(0));
     out.waiting = select(waiting, S(1), S(0));
 
     // While start-up is still waiting, the interval goes on from its first epoch.
-    PlatformState<S> fresh = p;
-    fresh.velocity_ned = v;
-    fresh.have_velocity = S(1);
-    reset_interval(fresh);
-    p.velocity_ned = select(waiting, p.velocity_ned, fresh.velocity_ned);
-    p.dcm_at_epoch = select(waiting, p.dcm_at_epoch, fresh.dcm_at_epoch);
-    p.delta_velocity = select(waiting, p.delta_velocity, fresh.delta_velocity);
-    p.turn = select(waiting, p.turn, fresh.turn);
+    const Vec3<S> zero = {S(0), S(0), S(0)};
+    p.velocity_ned = select(waiting, p.velocity_ned, v);
+    p.dcm_at_epoch = select(waiting, p.dcm_at_epoch, p.dcm_body_to_ned);
+    p.delta_velocity = select(waiting, p.delta_velocity, zero);
+    p.turn = select(waiting, p.turn, S(0));
     p.have_velocity = S(1);
     return out;
 }

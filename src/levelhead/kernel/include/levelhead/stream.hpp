@@ -98,8 +98,8 @@ struct Stream {
     }
 
   private:
-    static bool finite(double x) { return x - x == 0.0; }
-    static bool finite(const Vec3<S>& v) { const S sum = (v.x - v.x) + (v.y - v.y) + (v.z - v.z); return sum == S(0); }
+    static bool finite(double x) { return x * 0.0 == 0.0; }
+    static bool finite(const Vec3<S>& v) { return (v.x * S(0) + v.y * S(0)) + v.z * S(0) == S(0); }
 
     bool drop(EventCode code, double t) {
         note(events[code], t);

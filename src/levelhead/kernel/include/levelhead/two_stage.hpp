@@ -27,7 +27,7 @@ struct TwoStage {
     Vec3<S> gyro_bias, accel_bias;
     Excitation<S> excitation;
 
-    void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
+    LEVELHEAD_HOT void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
         const Vec3<S> none = {S(0), S(0), S(0)};
         const Vec3<S> w = gyro - (k.feedback ? gyro_bias : none);
         const Vec3<S> f = accel - (k.feedback ? accel_bias : none);

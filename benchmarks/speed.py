@@ -1,0 +1,113 @@
+"""Speed, as ratios within one run: `make bench`, or `python benchmarks/speed.py`.
+
+Prints kernel ns per sample against a hand-written C loop of the same equations compiled with the same flags, the cost of
+one streaming update from Python, and the whole command on an hour of 100 Hz data.
+"""
+
+from __future__ import annotations
+
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import timeit
+from pathlib import Path
+
+import numpy as np
+
+import levelhead as lh
+
+HERE = Path(__file__).parent
+# The flags of the extension module in CMakeLists.txt.
+FLAGS = ["-O3", "-DNDEBUG", "-fPIC", "-ffp-contract=off"]
+
+
+def build(folder: Path) -> Path:
+    """Compile the yardstick and the kernel with the same flags; return the program."""
+    program = folder / "kernel_loop"
+    hand = folder / "hand_loop.o"
+    subprocess.run(["cc", *FLAGS, "-c", str(HERE / "hand_loop.c"), "-o", str(hand)], check=True)
+    include = f"-I{lh.get_include()}"
+    command = ["c++", "-std=c++17", *FLAGS, include, str(HERE / "kernel_loop.cpp"), str(hand), "-o", str(program)]
+    subprocess.run(command, check=True)
+    return program
+
+
+def kernel_table(folder: Path, rounds: int = 15) -> None:
+    """Print ns per sample; medians over rounds in which the loops take turns."""
+    log, _ = lh.simulate("field", seed=1, duration=1800.0)
+    assert log.velocity_ned is not None
+    data = folder / "log.bin"
+    pieces = (log.time, log.gyro, log.accel, log.velocity_ned)
+    data.write_bytes(b"".join(np.ascontiguousarray(piece).tobytes() for piece in pieces))
+    every = round(log.time.size / log.gnss_time.size)
+    command = [str(build(folder)), str(data), str(log.time.size), str(every), str(rounds)]
+    lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    times = np.array([[float(x) for x in line.split()[1:]] for line in lines if line.startswith("time")])
+    biases = [line.split()[1:] for line in lines if line.startswith("bias")]
+    ratios = np.median(times / times[:, :1], axis=0)
+    print("Kernel, 30 min at 100 Hz / 10 Hz, one core")
+    print(f"{'loop':34s}{'ns per sample':>14s}{'ratio':>8s}   final gyro x (deg/s), accel x (m/s^2)")
+    names = ("hand-written C, double", "kernel, observer, double", "kernel, observer, float", "kernel, two-stage, double")
+    for name, time, ratio, bias in zip(names, np.median(times, axis=0), ratios, biases, strict=True):
+        print(f"{name:34s}{time:14.1f}{ratio:8.2f}   {np.degrees(float(bias[0])):+.4f}  {float(bias[2]):+.4f}")
+
+
+def streaming_table() -> None:
+    """Print the cost of one update from Python, beside an empty method call."""
+    print("\nStreaming from Python")
+    print(f"{'call':44s}{'microseconds':>14s}")
+    for label, gyro, accel in (
+        ("update_imu, tuples", (0.0, 0.0, 0.1), (0.1, 0.2, -9.8)),
+        ("update_imu, lists", [0.0, 0.0, 0.1], [0.1, 0.2, -9.8]),
+        ("update_imu, NumPy arrays", np.array([0.0, 0.0, 0.1]), np.array([0.1, 0.2, -9.8])),
+    ):
+        number = 200_000
+        stamps = [0.01 * i for i in range(number)]
+        runs = []
+        for _ in range(5):
+            est = lh.Observer()
+            update = est.update_imu
+            runs.append(timeit.timeit(lambda: [update(t, gyro, accel) for t in stamps], number=1) / number)
+        print(f"{label:44s}{statistics.median(runs) * 1e6:14.2f}")
+    est = lh.Observer()
+    est.update_imu(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    number = 50_000
+    clock = iter(range(1, 10_000_000))
+    imu, gnss = est.update_imu, est.update_gnss
+
+    def pair() -> None:
+        t = 0.1 * next(clock)
+        imu(t, (0.0, 0.0, 0.1), (0.1, 0.2, -9.8))
+        gnss(t, (3.0, 0.0, 0.0), 0.03)
+
+    print(f"{'update_imu + update_gnss':44s}{timeit.timeit(pair, number=number) / number * 1e6:14.2f}")
+
+
+def command_table(folder: Path) -> None:
+    """Print wall time and peak memory of `levelhead estimate` on an hour of 100 Hz Parquet, report included."""
+    log, _ = lh.simulate("field", seed=1, duration=3600.0)
+    path = folder / "hour.parquet"
+    lh.write(log, path)
+    command = [sys.executable, "-m", "levelhead", "estimate", str(path), "-o", str(folder / "out")]
+    print("\nlevelhead estimate, 1 h at 100 Hz / 10 Hz, Parquet in, report included")
+    walls = []
+    for _ in range(5):
+        walls.append(timeit.timeit(lambda: subprocess.run(command, check=True, capture_output=True), number=1))
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    print(f"wall: median {statistics.median(walls):.2f} s, fastest {min(walls):.2f} s; peak memory {peak:.0f} MB")
+
+
+def main() -> None:
+    """Print all tables."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        # First, while no larger child has run: peak memory of the children is a running maximum.
+        command_table(folder)
+        kernel_table(folder)
+        streaming_table()
+
+
+if __name__ == "__main__":
+    main()
