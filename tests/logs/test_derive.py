@@ -44,6 +44,17 @@ def test_east_on_the_equator_is_the_equatorial_radius_times_the_rate_of_longitud
     np.testing.assert_allclose(derived.position_llh[:, 1], rate * derived.gnss_time, rtol=1e-12)
 
 
+def test_the_radii_are_those_of_the_latitude_and_the_height() -> None:
+    # Radii at 45 degrees, from a = 6378137 m and 1/f = 298.257223563: M = 6367381.8156 m, N = 6388838.2901 m.
+    step = 1e-6
+    middle = np.pi / 4.0
+    llh = np.array([[middle - step / 2, 0.0, 1000.0], [middle + step / 2, step, 1000.0]])
+    velocity = velocity_of(velocity_from_position(log_of(np.array([0.0, 1.0]), llh)))[0]
+    # 1e-9: rounding of a latitude near 1 rad (1e-16) against the step of 1e-6.
+    assert velocity[0] == pytest.approx(step * (6367381.8156 + 1000.0), rel=1e-9)
+    assert velocity[1] == pytest.approx(step * (6388838.2901 + 1000.0) * np.sqrt(0.5), rel=1e-9)
+
+
 def test_a_steady_acceleration_gives_the_velocity_at_the_midpoint_without_delay() -> None:
     time = np.arange(0.0, 10.0)
     meridian = 6335439.327  # m, on the equator (NIMA TR8350.2)

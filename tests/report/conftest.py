@@ -29,7 +29,8 @@ def _heading_of_rows(time: FloatArray) -> FloatArray:
     row, phase = np.divmod(time, 108.0)
     turned = np.clip((phase - 100.0) / 8.0, 0.0, 1.0)
     even = row % 2 == 0
-    return np.radians(20.0) + np.pi * np.where(even, turned, 1.0 - turned)
+    heading: FloatArray = np.radians(20.0) + np.pi * np.where(even, turned, 1.0 - turned)
+    return heading
 
 
 def _drive(duration: float, rate: float, noise: np.random.Generator) -> Result:

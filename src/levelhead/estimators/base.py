@@ -37,8 +37,8 @@ class Status(enum.IntFlag):
     """The course has steered the heading for three time constants: heading and vertical gyro bias are known."""
 
 
-SETTLED_FRACTION: Final = 0.1
-"""A bias counts as known once at most this fraction of its initial error can be left in the averaged loop."""
+SETTLED_FRACTION: Final = 0.05
+"""A bias counts as known once at most this fraction of the initial errors can be left: three time constants."""
 
 
 class SensorData(Protocol):

@@ -24,7 +24,8 @@ class TwoStageParams(PlatformParams):
     tau_accel_lowpass : float
         Low-pass of the accelerometer bias read in turns, s of turning.
     straight_rate : float
-        Below this absolute yaw rate the vehicle counts as going straight, rad/s.
+        Below this absolute yaw rate the vehicle counts as going straight, rad/s. Wider reads the gyro bias longer on
+        paths that never run straight for long, and lets more of the accelerometer bias into it.
     turn_rate : float
         Above this absolute yaw rate it counts as turning, rad/s. Between the two nothing is read: without the split
         the estimate diverges.
@@ -35,7 +36,7 @@ class TwoStageParams(PlatformParams):
 
     tau_gyro_lowpass: float = 40.0
     tau_accel_lowpass: float = 40.0
-    straight_rate: float = math.radians(2.0)
+    straight_rate: float = math.radians(4.0)
     turn_rate: float = math.radians(8.0)
     feedback: bool = True
 

@@ -42,11 +42,12 @@ def nearest_rotation(matrix: FloatArray) -> FloatArray:
 def smallest_rotation(start: FloatArray, goal: FloatArray) -> FloatArray:
     """Return the smallest rotation that carries the direction of `start` on to that of `goal`."""
     axis = np.cross(start, goal)
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, start @ goal))
-    if sine <= 1e-6 * np.linalg.norm(start) * np.linalg.norm(goal):
-        axis, sine = np.array([1.0, 0.0, 0.0]), 1.0
-    return rotation(axis / sine * angle)
+    along, across = float(start @ goal), float(np.linalg.norm(axis))
+    if along < 0.0 and across < -1e-6 * along:
+        axis, across = np.array([1.0, 0.0, 0.0]), 1.0
+    elif across == 0.0:
+        return np.eye(3)
+    return rotation(axis / across * np.arctan2(np.linalg.norm(np.cross(start, goal)), along))
 
 
 def about_down(angle: float) -> FloatArray:

@@ -132,7 +132,7 @@ def wrap_with_gaps(time: FloatArray, columns_deg: FloatArray) -> tuple[FloatArra
         k = k[np.isfinite(delta[k])]
         length = time[k + 1] - time[k]
         edge = 360.0 * np.maximum(turn[k], turn[k + 1])
-        # Beyond half a turn between two samples nobody can say where the edge was crossed: a gap in the middle, no more.
+        # Beyond half a turn between two samples nobody can say where the edge was crossed: just a gap.
         near = np.abs(delta[k]) < 180.0
         share = np.where(near, np.clip((edge - column[k]) / delta[k], 0.02, 0.98), 0.5)
         gaps.append(time[k] + share * length)

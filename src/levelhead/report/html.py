@@ -61,8 +61,8 @@ def render_report(result: Result, *, title: str, reference: Mapping[str, ArrayLi
     }
     styles = (_asset("assets/uPlot.min.css"), _asset("assets/report.css"))
     # The licence asks to travel with every copy, and each report is one.
-    scripts = (f"/*!\n{_asset('assets/LICENSE.uPlot')}\n*/\n{_asset('assets/uPlot.iife.min.js')}",)
-    scripts += (_asset("assets/report.js"),)
+    plotter = f"/*!\n{_asset('assets/LICENSE.uPlot')}\n*/\n{_asset('assets/uPlot.iife.min.js')}"
+    scripts = (plotter, _asset("assets/report.js"))
     figures = {plot.name: _figure(plot) for plot in plots}
     return Template(_asset("templates/report.html")).substitute(
         policy=_policy(scripts, styles),
@@ -132,11 +132,11 @@ def _figure(plot: Plot) -> str:
         )
     note = ""
     if plot.view is not None and not plot.cyclic:
-        note = '<p class="note">Peaks reach beyond the frame; zoom in on them to see all of them.</p>'
+        note = '<span class="note">peaks outside the frame: zoom in to see them</span>'
     label = escape(f"{plot.title} over time in {plot.unit}: {', '.join(curve.label for curve in plot.curves)}")
     return (
-        f'<figure class="plot" id="plot-{plot.name}"><figcaption>{heading}<div class="legend"></div></figcaption>'
-        f'<div class="canvas" role="img" aria-label="{label}"></div>{note}</figure>'
+        f'<figure class="plot" id="plot-{plot.name}"><figcaption>{heading}{note}<div class="legend"></div></figcaption>'
+        f'<div class="canvas" role="img" aria-label="{label}"></div></figure>'
     )
 
 

@@ -18,7 +18,7 @@ EARTH_RADIUS: Final = 6371008.8
 SUBPIXEL: Final = 10
 """The path is drawn in whole tenths of a pixel."""
 WIDTH: Final = 600
-HEIGHT: Final = 560
+HEIGHT: Final = 500
 LEFT: Final = 58
 RIGHT: Final = 12
 TOP: Final = 12

@@ -17,7 +17,7 @@ from levelhead.report.decimate import encode, minmax_indices, wrap_with_gaps
 
 TIME_DECIMALS: Final = 3
 YAW_RATE_SPAN: Final = 0.2
-"""Central differences of the heading over this time, s: shorter ones show the heading's noise, longer ones blur turns."""
+"""Central differences of the heading span this time, s: a shorter one shows noise, a longer one blurs turns."""
 MAX_BANDS: Final = 400
 """At most about this many bands of one kind: what lies closer together than a pixel is drawn as one."""
 
@@ -42,7 +42,10 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """One plot over time: ``time`` in s, ``view`` the vertical range of the first look, None for that of the data."""
+    """One plot over time: ``time`` in s; ``absent`` stands where there is nothing to draw.
+
+    ``cyclic`` angles are drawn from 0 to 360; a ``focused`` plot may leave a few peaks outside its first look.
+    """
 
     name: str
     title: str
@@ -52,6 +55,7 @@ class Plot:
     curves: tuple[Curve, ...]
     absent: str = ""
     cyclic: bool = False
+    focused: bool = False
 
     @property
     def drawable(self) -> bool:
@@ -60,14 +64,18 @@ class Plot:
 
     @property
     def view(self) -> tuple[float, float] | None:
-        """The vertical range that shows the drive, when a few peaks would flatten everything else."""
+        """The vertical range of the first look; None means that of the data."""
         if self.cyclic:
             return 0.0, 360.0
         finite = [curve.values[np.isfinite(curve.values)] for curve in self.curves]
+        finite = [values for values in finite if values.size]
         values = np.concatenate(finite) if finite else np.empty(0)
-        if values.size < 100:
+        if not self.focused or values.size < 100:
             return None
-        low, high = np.percentile(values, (2.0, 98.0))
+        # Zero and the last values stay in sight: the way of a bias from the one to the other is what the plot is for.
+        anchors = [0.0, *(curve[-1] for curve in finite)]
+        low = min(float(np.percentile(values, 2.0)), *anchors)
+        high = max(float(np.percentile(values, 98.0)), *anchors)
         # Four times: start-up and GNSS transients are that large, honest drives are not.
         if values.max() - values.min() <= 4.0 * (high - low) or high <= low:
             return None
@@ -133,7 +141,9 @@ def time_plots(result: Result, reference: Mapping[str, ArrayLike] | None = None)
         _single_plot(
             result.time,
             np.degrees(yaw_rate(result.time, heading)),
-            Plot(name="yaw-rate", title="Yaw rate", unit="deg/s", decimals=2, time=result.time, curves=()),
+            Plot(
+                name="yaw-rate", title="Yaw rate", unit="deg/s", decimals=2, time=result.time, curves=(), focused=True
+            ),
             "No yaw rate: the heading never became known.",
         ),
     )
@@ -273,6 +283,7 @@ def _bias_plot(result: Result, sensor: str, truth: _Truth) -> Plot:
         time=time,
         curves=_with_truth([curves[i] for i in drawn], [truths[i] for i in drawn]),
         absent=f"This method does not estimate {'gyro' if gyro else 'accelerometer'} biases.",
+        focused=True,
     )
 
 
@@ -290,6 +301,7 @@ def _attitude_plot(result: Result, truth: _Truth) -> Plot:
         time=time,
         curves=_with_truth(curves, truths),
         absent="Roll and pitch never became known.",
+        focused=True,
     )
 
 
@@ -323,6 +335,7 @@ def _single_plot(time: FloatArray, values: FloatArray, frame: Plot, absent: str)
         time=time[kept],
         curves=(Curve(label=frame.title.lower(), values=values[kept], tone=0),),
         absent=absent,
+        focused=frame.focused,
     )
 
 

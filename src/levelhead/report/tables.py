@@ -18,7 +18,7 @@ AXIS_NAMES: Final = {"x": "forward", "y": "right", "z": "down"}
 
 COMPLETENESS_TEXTS: Final[dict[str, str]] = {
     "truncated": "The log is cut off: its end is missing. The results rest on the part before the cut.",
-    "malformed_record": "The log has a malformed record: reading stopped there. The results rest on the part before it.",
+    "malformed_record": "The log has a malformed record; reading stopped there. The results rest on the part before.",
 }
 
 SEVERITIES: Final[dict[str, tuple[str, str]]] = {
@@ -122,7 +122,7 @@ def unknown_reason(result: Result, sensor: str, axis: int) -> str | None:
     if (Status.INITIALIZING | Status.ALIGNING) & last:
         return "the heading never became known"
     if gyro and axis == 2:
-        return "the course did not steer the heading for long enough"
+        return "the course steered the heading too briefly"
     return "not learnt yet when the log ended"
 
 
@@ -214,7 +214,7 @@ def _settled(result: Result, sensor: str, reasons: list[str | None]) -> str:
     if all(reason is not None for reason in reasons):
         return ""
     at = result.settled_at_s.get(sensor)
-    return "not settled" if at is None else f"settled {span(at)} after the start"
+    return "not settled" if at is None else f"settled after {span(at)}"
 
 
 def parameter_table(result: Result) -> str:

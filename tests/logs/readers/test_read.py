@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -178,21 +177,3 @@ def test_what_is_wrong_with_the_data_itself_carries_the_files_name(put: Writer) 
 
 def test_every_reader_is_registered_by_its_own_name() -> None:
     assert {name: reader.name for name, reader in READERS.items()} == {name: name for name in READERS}
-
-
-def test_an_hour_at_100_hz_needs_no_loop_over_rows(tmp_path: Path) -> None:
-    n = 36_000
-    rng = np.random.default_rng(1)
-    log = Log(
-        time=np.arange(float(n)) / 100.0,
-        gyro=rng.normal(size=(n, 3)),
-        accel=rng.normal(size=(n, 3)),
-        gnss_time=np.arange(float(n // 10)) / 10.0,
-        velocity_ned=rng.normal(size=(n // 10, 3)),
-    )
-    write(log, tmp_path / "a.csv")
-    read(tmp_path / "a.csv")  # imports pyarrow
-    begin = time.process_time()
-    read(tmp_path / "a.csv")
-    # A tenth of an hour takes 0.05 s of processor time here; parsing by Python takes 1 s.
-    assert time.process_time() - begin < 0.5

@@ -4,7 +4,7 @@
   const data = JSON.parse(document.getElementById("report-data").textContent);
   const PRINT_WIDTH = 688; // px, the text width of A4 with the margins of report.css
   const HEIGHT = 214; // px, as .canvas in report.css
-  const PRINT_HEIGHT = 188;
+  const PRINT_HEIGHT = 184;
   const root = document.documentElement;
   const resetButton = document.getElementById("reset");
   const pathCursor = document.getElementById("path-cursor");
@@ -30,12 +30,20 @@
 
   // Text of a tick or a value: as many digits as the step between ticks needs, never an exponent.
   function digitsOf(step) {
-    return Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
+    let digits = 0;
+    while (digits < 9 && Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) > 1e-6) digits += 1;
+    return digits;
   }
 
   function tickTexts(u, splits, axis, space, step) {
     const digits = digitsOf(step);
     return splits.map((value) => (value === null ? "" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1")));
+  }
+
+  // A value of the legend: empty without a cursor, a dash in a gap.
+  function text(u, value, digits, unit = "") {
+    if (u.cursor.idx === null || u.cursor.idx === undefined) return "";
+    return value === null || value === undefined ? "–" : value.toFixed(digits) + unit;
   }
 
   function drawBands(u) {
@@ -89,11 +97,12 @@
     pathCursor.setAttribute("cy", -20);
   }
 
-  function verticalRange(plot) {
+  // uPlot asks for the range of x first and stores both later: `shown` is the x range that this y range goes with.
+  function verticalRange(plot, shown) {
     return (u, low, high) => {
       if (plot.cyclic) return plot.view;
-      if (plot.view && isWhole(u.scales.x.min, u.scales.x.max)) return plot.view;
-      if (low === null) return [0, 1];
+      if (plot.view && isWhole(...shown.x)) return plot.view;
+      if (low === null || !Number.isFinite(low)) return [0, 1];
       if (low === high) return [low - 1, high + 1];
       return uPlot.rangeNum(low, high, 0.08, false);
     };
@@ -102,12 +111,13 @@
   function series(plot, curve) {
     return {
       label: curve.label,
+      class: curve.dashed ? "truth" : undefined,
       stroke: curve.dashed ? colour("--ink") : colour("--tone-" + curve.tone),
       width: curve.dashed || curve.faint ? 1 : 1.6,
       alpha: curve.faint ? 0.4 : 1,
       dash: curve.dashed ? [5, 4] : undefined,
       points: { show: false },
-      value: (u, value) => (value === null || value === undefined ? "–" : value.toFixed(Math.min(plot.decimals, 5))),
+      value: (u, value) => text(u, value, Math.min(plot.decimals, 5)),
     };
   }
 
@@ -128,13 +138,17 @@
     const legend = figure.querySelector(".legend");
     target.replaceChildren();
     legend.replaceChildren();
-    const vertical = { size: 58, gap: 6, space: 34 };
+    const vertical = { size: 58, gap: 6, space: 26 };
+    const shown = { x: [data.start, data.end] };
     if (plot.cyclic) vertical.splits = () => [0, 90, 180, 270, 360];
     const options = {
       width: printing ? PRINT_WIDTH : target.clientWidth,
       height: printing ? PRINT_HEIGHT : HEIGHT,
       padding: [8, 12, 0, 0],
-      legend: { mount: (u, element) => legend.append(element) },
+      legend: {
+        mount: (u, element) => legend.append(element),
+        markers: { width: 0, fill: (u, k) => u.series[k].stroke(u, k) },
+      },
       cursor: {
         y: false,
         drag: { x: true, y: false },
@@ -145,10 +159,13 @@
           filters: { pub: (type) => type === "mousemove" || type === "mouseleave" },
         },
       },
-      scales: { x: { time: false, range: (u, low, high) => [low, high] }, y: { range: verticalRange(plot) } },
+      scales: {
+        x: { time: false, range: (u, low, high) => (shown.x = [low, high]) },
+        y: { range: verticalRange(plot, shown) },
+      },
       axes: [axis({ size: 26, gap: 5 }), axis(vertical)],
       series: [
-        { label: "time", value: (u, value) => (value === null || value === undefined ? "–" : value.toFixed(2) + " s") },
+        { label: "time", value: (u, value) => text(u, value, 2, " s") },
         ...plot.curves.map((curve) => series(plot, curve)),
       ],
       hooks: { drawClear: [drawBands], setScale: [shareRange], setCursor: [markPath] },

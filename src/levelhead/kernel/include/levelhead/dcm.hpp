@@ -98,11 +98,11 @@ Dcm<S> turned_about_vertical(const Dcm<S>& c, S angle) {
 template <class S>
 Dcm<S> carried(const Dcm<S>& c, const Vec3<S>& from, const Vec3<S>& to) {
     const Vec3<S> axis = cross(from, to);
-    const S sine_part = norm(axis);
-    const S angle = arc_tangent(sine_part, dot(from, to));
-    const auto opposite = sine_part <= S(1e-6) * norm(from) * norm(to);
-    // Opposite vectors leave the axis open; any horizontal one will do. Parallel ones have angle 0.
-    const Vec3<S> unit = select(opposite, Vec3<S>{S(1), S(0), S(0)}, axis * (S(1) / maximum(sine_part, S(1e-30))));
+    const S along = dot(from, to), across = norm(axis);
+    const S angle = arc_tangent(across, along);
+    // Opposite vectors leave the axis open; any horizontal one will do.
+    const auto opposite = (along < S(0)) & (across < S(-1e-6) * along);
+    const Vec3<S> unit = select(opposite, Vec3<S>{S(1), S(0), S(0)}, axis * (S(1) / maximum(across, S(1e-30))));
     return rotated_in_ned(c, unit * angle);
 }
 

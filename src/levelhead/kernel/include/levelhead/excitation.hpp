@@ -10,8 +10,8 @@
 
 namespace levelhead {
 
-constexpr double settled_fraction = 0.1;   // known: at most this part of the initial error can be left
-constexpr double enough_driving = 2.3026;  // -ln(settled_fraction)
+constexpr double settled_fraction = 0.05;  // known: at most this part of the initial error can be left
+constexpr double enough_driving = 3.0;     // about -ln(settled_fraction): three time constants
 
 template <class S>
 struct Excitation {
