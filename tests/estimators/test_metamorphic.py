@@ -73,7 +73,8 @@ def test_a_start_from_the_answer_stays_there(log: lh.Log) -> None:
     end = result.gyro_bias[-1], np.nan_to_num(result.accel_bias[-1])
     initial = lh.Initial(gyro_bias=tuple(end[0].tolist()), accel_bias=tuple(end[1].tolist()))
     again = lh.estimate(log, initial=initial)
-    # Within the observer's noise (3 sigma of 0.002 deg/s and 0.004 m/s^2) from 10 s after start-up on.
+    # Within the bands that count as settled: five sigma of the observer's noise (0.002 deg/s, 0.004 m/s^2) and the walk of
+    # the true bias over 900 s (0.0034 deg/s, 0.006 m/s^2). From zero it would start 0.13 deg/s and 0.2 m/s^2 away.
     late = log.time > 10.0
-    assert np.degrees(np.abs(again.gyro_bias[late] - end[0]))[:, :2].max() < 0.012
-    assert np.abs(again.accel_bias[late, :2] - end[1][:2]).max() < 0.03
+    assert np.degrees(np.abs(again.gyro_bias[late] - end[0]))[:, :2].max() < 0.02
+    assert np.abs(again.accel_bias[late, :2] - end[1][:2]).max() < 0.04
