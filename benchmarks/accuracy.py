@@ -1,7 +1,7 @@
 """Accuracy on simulated drives with known truth: `make bench`, or `python benchmarks/accuracy.py [--seeds N]`.
 
-Half an hour at 100 Hz / 10 Hz with 0.03 m/s velocity noise (`levelhead.SensorModel`'s defaults). RMS errors are taken from
-900 s to the end and then over the seeds; "settles" is the last time an error was above 0.02 deg/s or 0.04 m/s^2.
+Half an hour at 100 Hz / 10 Hz with 0.03 m/s velocity noise (`levelhead.SensorModel`'s defaults). RMS errors are taken
+from 900 s to the end and then over the seeds; "settles" is the last time an error was above 0.02 deg/s or 0.04 m/s^2.
 """
 
 from __future__ import annotations
@@ -79,14 +79,13 @@ def accuracy_table(seeds: int) -> None:
             heading = float(_rms(np.array([run.heading for run in runs])))
             settles = [np.array([getattr(run, f"{name}_settles") for run in runs]) for name in ("gyro", "accel")]
             times = "  ".join(f"{np.median(s):.0f} ({s.max():.0f})" for s in settles)
-            print(
-                f"{method:10s} {scenario:10s} {cells[0]:>26s} {cells[1]:>24s} {cells[2]:>24s} {heading:8.3f} {times:>32s}"
-            )
+            columns = f"{cells[0]:>26s} {cells[1]:>24s} {cells[2]:>24s} {heading:8.3f} {times:>32s}"
+            print(f"{method:10s} {scenario:10s} {columns}")
 
 
 def sensitivity_table(seeds: int) -> None:
     """Print how far the observer's estimates move when one constant changes by 20 %, as in the 2015 paper."""
-    print("\nObserver with one constant changed by 20 %: RMS change of the estimates after 900 s, largest over seeds and axes")
+    print("\nObserver, one constant changed by 20 %: RMS change after 900 s, largest over seeds and axes")
     print(f"{'constant':14s}{'change':>8s}{'gyro deg/s':>14s}{'accel m/s^2':>14s}")
     base = lh.ObserverParams()
     logs = [lh.simulate(s, seed=i, duration=1800.0)[0] for s in ("field", "windrower") for i in range(seeds)]

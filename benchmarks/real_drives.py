@@ -1,8 +1,8 @@
 """Real drives: `python benchmarks/real_drives.py [DATA_FOLDER]`, or the folder in LEVELHEAD_DATA.
 
-Recorded logs have no true biases. The artificial-bias test of Tereshkov (2015), section 4, makes some: the estimates with
-known biases added to the readings, less those without. For `rtklib-drive` the gyro is also compared with its mean at rest
-after the drive; for the KITTI drives the residual biases are about zero (a tactical unit, already corrected).
+Recorded logs have no true biases. The artificial-bias test of Tereshkov (2015), section 4, makes some: the estimates
+with known biases added to the readings, less those without. For `rtklib-drive` the gyro is also compared with its mean
+at rest after the drive; for KITTI the residual biases are about zero (a tactical unit, already corrected).
 """
 
 from __future__ import annotations
@@ -45,7 +45,9 @@ def at_rest_after(log: lh.Log) -> FloatArray:
     return mean
 
 
-def kitti_log(path: Path, *, seed: int = 0, rate: float = 10.0, noise: float = 0.03) -> tuple[lh.Log, dict[str, FloatArray]]:
+def kitti_log(
+    path: Path, *, seed: int = 0, rate: float = 10.0, noise: float = 0.03
+) -> tuple[lh.Log, dict[str, FloatArray]]:
     """Return a KITTI drive as a log, and its reference: velocity decimated and noised, no epoch inside an IMU gap.
 
     Samples whose stamp does not advance are left out (the recorder stepped back a few times).
@@ -84,7 +86,8 @@ def rtklib_table(folder: Path) -> None:
     log = rtklib_drive(folder)
     rest = np.degrees(at_rest_after(log))
     print(f"rtklib-drive: gyro at rest after the drive {_show(rest, 4)} deg/s")
-    print(f"{'method':12s}{'gyro x, y at the end':>24s}{'less rest':>20s}{'recovery error, 0.2 deg/s and 0.3 m/s^2 added':>50s}")
+    added = "recovery error, 0.2 deg/s and 0.3 m/s^2 added"
+    print(f"{'method':12s}{'gyro x, y at the end':>24s}{'less rest':>20s}{added:>50s}")
     for method in ("observer", "two-stage"):
         plain = lh.estimate(log, method)
         # The added biases are constants: they are recovered once the loop has settled, like any other.
@@ -92,7 +95,8 @@ def rtklib_table(folder: Path) -> None:
         end = np.degrees(plain.gyro_bias[-1, :2])
         gyro = np.degrees(loaded.gyro_bias[-1] - plain.gyro_bias[-1])[:2] - 0.2
         accel = (loaded.accel_bias[-1] - plain.accel_bias[-1])[:2] - 0.3
-        print(f"{method:12s}{_show(end, 4):>24s}{_show(end - rest[:2], 4):>20s}{_show(gyro, 4):>26s} deg/s {_show(accel, 4)} m/s^2")
+        recovered = f"{_show(gyro, 4)} deg/s {_show(accel, 4)} m/s^2"
+        print(f"{method:12s}{_show(end, 4):>24s}{_show(end - rest[:2], 4):>20s}{recovered:>50s}")
 
 
 def kitti_table(folder: Path) -> None:

@@ -1,7 +1,7 @@
 """Speed, as ratios within one run: `make bench`, or `python benchmarks/speed.py`.
 
-Prints kernel ns per sample against a hand-written C loop of the same equations compiled with the same flags, the cost of
-one streaming update from Python, and the whole command on an hour of 100 Hz data.
+Prints kernel ns per sample against a hand-written C loop of the same equations compiled with the same flags, the cost
+of one streaming update from Python, and the whole command on an hour of 100 Hz data.
 """
 
 from __future__ import annotations
@@ -49,9 +49,18 @@ def kernel_table(folder: Path, rounds: int = 15) -> None:
     ratios = np.median(times / times[:, :1], axis=0)
     print("Kernel, 30 min at 100 Hz / 10 Hz, one core")
     print(f"{'loop':34s}{'ns per sample':>14s}{'ratio':>8s}   final gyro x (deg/s), accel x (m/s^2)")
-    names = ("hand-written C, double", "kernel, observer, double", "kernel, observer, float", "kernel, two-stage, double")
+    kernels = ("kernel, observer, double", "kernel, observer, float", "kernel, two-stage, double")
+    names = ("hand-written C, double", *kernels)
     for name, time, ratio, bias in zip(names, np.median(times, axis=0), ratios, biases, strict=True):
         print(f"{name:34s}{time:14.1f}{ratio:8.2f}   {np.degrees(float(bias[0])):+.4f}  {float(bias[2]):+.4f}")
+
+
+def _update_cost(gyro: object, accel: object, number: int = 200_000) -> float:
+    """Return seconds per `update_imu`, the loop round it included: median of five runs."""
+    setup = "update = Observer().update_imu; stamps = [0.01 * i for i in range(number)]"
+    names = {"Observer": lh.Observer, "number": number, "gyro": gyro, "accel": accel}
+    timer = timeit.Timer("for t in stamps: update(t, gyro, accel)", setup, globals=names)
+    return statistics.median(timer.repeat(repeat=5, number=1)) / number
 
 
 def streaming_table() -> None:
@@ -63,14 +72,7 @@ def streaming_table() -> None:
         ("update_imu, lists", [0.0, 0.0, 0.1], [0.1, 0.2, -9.8]),
         ("update_imu, NumPy arrays", np.array([0.0, 0.0, 0.1]), np.array([0.1, 0.2, -9.8])),
     ):
-        number = 200_000
-        stamps = [0.01 * i for i in range(number)]
-        runs = []
-        for _ in range(5):
-            est = lh.Observer()
-            update = est.update_imu
-            runs.append(timeit.timeit(lambda: [update(t, gyro, accel) for t in stamps], number=1) / number)
-        print(f"{label:44s}{statistics.median(runs) * 1e6:14.2f}")
+        print(f"{label:44s}{_update_cost(gyro, accel) * 1e6:14.2f}")
     est = lh.Observer()
     est.update_imu(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
     number = 50_000
@@ -92,9 +94,7 @@ def command_table(folder: Path) -> None:
     lh.write(log, path)
     command = [sys.executable, "-m", "levelhead", "estimate", str(path), "-o", str(folder / "out")]
     print("\nlevelhead estimate, 1 h at 100 Hz / 10 Hz, Parquet in, report included")
-    walls = []
-    for _ in range(5):
-        walls.append(timeit.timeit(lambda: subprocess.run(command, check=True, capture_output=True), number=1))
+    walls = timeit.repeat(lambda: subprocess.run(command, check=True, capture_output=True), number=1, repeat=5)
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     print(f"wall: median {statistics.median(walls):.2f} s, fastest {min(walls):.2f} s; peak memory {peak:.0f} MB")
 

@@ -62,8 +62,8 @@ def test_the_observer_settles_and_says_so_in_time(scenario: str, seed: int) -> N
     after_600 = log.time >= 600.0  # with passes of 60-120 s; it depends on the number of turns
     assert gyro[after_600].max() < 0.02
     assert accel[after_600].max() < 0.04
-    # When the estimator says "settled", at most 5 % of the initial errors are left. Measured as in V they are 0.027 here
-    # (0.15 deg/s times sqrt(40 s), and 0.23 m/s^2 times sqrt(omega_a)/g), which is 0.012 deg/s or 0.015 m/s^2; three sigma
+    # When the estimator says "settled", at most 5 % of the initial errors are left. Measured as in V they are 0.027
+    # here (0.15 deg/s times sqrt(40 s), and 0.23 m/s^2 times sqrt(omega_a)/g): 0.012 deg/s or 0.015 m/s^2; three sigma
     # of the noise (0.002 deg/s, 0.004 m/s^2) come on top. Wider would be a confident wrong answer.
     for name, error, bound in (("gyro", gyro, 0.012 + 0.006), ("accel", accel, 0.015 + 0.012)):
         since = result.settled_at_s[name]

@@ -35,7 +35,7 @@ def test_eq_12_on_a_straight_the_control_rate_is_the_gyro_bias(feedback: bool) -
 def test_on_a_straight_the_accelerometer_bias_turns_into_tilt() -> None:
     result = lh.estimate(steady(0.0))
     # Level reads f = -g + b: the platform settles where C f is vertical, roll = -b_y/g and pitch = b_x/g.
-    # Until the vertical gyro bias is known, 0.05 deg/s reads as a turn and moves 0.0005 m/s^2, 0.003 deg, to the other side.
+    # Until the vertical gyro bias is known, 0.05 deg/s reads as a turn and moves 0.0005 m/s^2, or 0.003 deg.
     assert math.degrees(result.roll[-1]) == pytest.approx(math.degrees(-ACCEL[1] / GRAVITY), abs=5e-3)
     assert math.degrees(result.pitch[-1]) == pytest.approx(math.degrees(ACCEL[0] / GRAVITY), abs=5e-3)
 

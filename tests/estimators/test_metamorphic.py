@@ -40,7 +40,7 @@ def test_shifting_time_by_a_power_of_two_gives_the_same_bits(method: str, log: l
     # On a grid of 1/128 s a shift by 1024 s is exact in float64, so dt is too.
     n, m = log.time.size, log.gnss_time.size
     assert log.velocity_ned is not None
-    grid = replace(log, time=np.arange(n) / 128.0, gnss_time=np.arange(m) * 10.0 / 128.0)
+    grid = replace(log, time=np.arange(float(n)) / 128.0, gnss_time=np.arange(0.0, 10.0 * m, 10.0) / 128.0)
     shifted = replace(grid, time=grid.time + 1024.0, gnss_time=grid.gnss_time + 1024.0)
     a, b = lh.estimate(grid, method), lh.estimate(shifted, method)
     np.testing.assert_array_equal(a.gyro_bias, b.gyro_bias)
@@ -51,9 +51,7 @@ def test_shifting_time_by_a_power_of_two_gives_the_same_bits(method: str, log: l
 def test_mirroring_left_and_right_mirrors_the_biases(method: str, log: lh.Log) -> None:
     assert log.velocity_ned is not None
     mirror_rate, mirror = np.array([-1.0, 1.0, -1.0]), np.array([1.0, -1.0, 1.0])
-    other = replace(
-        log, gyro=log.gyro * mirror_rate, accel=log.accel * mirror, velocity_ned=log.velocity_ned * mirror
-    )
+    other = replace(log, gyro=log.gyro * mirror_rate, accel=log.accel * mirror, velocity_ned=log.velocity_ned * mirror)
     a, b = lh.estimate(log, method), lh.estimate(other, method)
     np.testing.assert_allclose(b.gyro_bias, a.gyro_bias * mirror_rate, atol=1e-12, rtol=0.0)
     np.testing.assert_allclose(b.accel_bias, a.accel_bias * mirror, atol=1e-11, rtol=0.0)
@@ -73,8 +71,8 @@ def test_a_start_from_the_answer_stays_there(log: lh.Log) -> None:
     end = result.gyro_bias[-1], np.nan_to_num(result.accel_bias[-1])
     initial = lh.Initial(gyro_bias=tuple(end[0].tolist()), accel_bias=tuple(end[1].tolist()))
     again = lh.estimate(log, initial=initial)
-    # Within the bands that count as settled: five sigma of the observer's noise (0.002 deg/s, 0.004 m/s^2) and the walk of
-    # the true bias over 900 s (0.0034 deg/s, 0.006 m/s^2). From zero it would start 0.13 deg/s and 0.2 m/s^2 away.
+    # Within the bands that count as settled: five sigma of the observer's noise (0.002 deg/s, 0.004 m/s^2) and the walk
+    # of the true bias over 900 s (0.0034 deg/s, 0.006 m/s^2). From zero it would start 0.13 deg/s and 0.2 m/s^2 away.
     late = log.time > 10.0
     assert np.degrees(np.abs(again.gyro_bias[late] - end[0]))[:, :2].max() < 0.02
     assert np.abs(again.accel_bias[late, :2] - end[1][:2]).max() < 0.04

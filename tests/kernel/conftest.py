@@ -29,32 +29,12 @@ VARIANTS: dict[str, Params] = {
 
 def compiled(params: Params, *, single: bool = False) -> Compiled:
     """Return a fresh compiled estimator in double or single precision."""
-    common = {
-        "tau": params.tau,
-        "tau_heading": params.tau_heading,
-        "min_course_speed": params.min_course_speed,
-        "gravity": params.gravity,
-    }
-    start = {"lever_arm": params.lever_arm, "gyro_bias": (0.0, 0.0, 0.0), "accel_bias": (0.0, 0.0, 0.0)}
+    zero = (0.0, 0.0, 0.0)
     if isinstance(params, ObserverParams):
-        kind = ObserverF32 if single else ObserverF64
-        return kind(
-            **common,
-            **start,
-            tau_gyro=params.tau_gyro,
-            omega_accel=params.omega_accel,
-            paper_gain=params.gain == "paper",
-        )
-    two = TwoStageF32 if single else TwoStageF64
-    return two(
-        **common,
-        **start,
-        tau_gyro_lowpass=params.tau_gyro_lowpass,
-        tau_accel_lowpass=params.tau_accel_lowpass,
-        straight_rate=params.straight_rate,
-        turn_rate=params.turn_rate,
-        feedback=params.feedback,
-    )
+        observer = ObserverF32 if single else ObserverF64
+        return observer(**params.kernel_arguments(), gyro_bias=zero, accel_bias=zero)
+    two_stage = TwoStageF32 if single else TwoStageF64
+    return two_stage(**params.as_dict(), gyro_bias=zero, accel_bias=zero)
 
 
 def reference(params: Params) -> Reference:

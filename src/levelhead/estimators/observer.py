@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
@@ -38,6 +38,12 @@ class ObserverParams(PlatformParams):
         if self.gain not in ("general", "paper"):
             raise UsageError(f"gain is {self.gain!r}; choose 'general' or 'paper'.")
 
+    def kernel_arguments(self) -> dict[str, Any]:
+        """Return the constants under the names of the compiled class."""
+        arguments = self.as_dict()
+        arguments["paper_gain"] = arguments.pop("gain") == "paper"
+        return arguments
+
     def warnings(self) -> tuple[Event, ...]:
         """Return what is questionable about these constants."""
         if self.tau_gyro < 4.0 * max(self.tau, self.tau_heading):
@@ -62,19 +68,7 @@ class Observer(ObserverF64):
 
     def __init__(self, params: ObserverParams | None = None, *, initial: Initial | None = None) -> None:
         k, start = params or ObserverParams(), initial or Initial()
-        ObserverF64.__init__(
-            self,
-            tau=k.tau,
-            tau_heading=k.tau_heading,
-            min_course_speed=k.min_course_speed,
-            gravity=k.gravity,
-            lever_arm=k.lever_arm,
-            tau_gyro=k.tau_gyro,
-            omega_accel=k.omega_accel,
-            paper_gain=k.gain == "paper",
-            gyro_bias=start.gyro_bias,
-            accel_bias=start.accel_bias,
-        )
+        ObserverF64.__init__(self, **k.kernel_arguments(), gyro_bias=start.gyro_bias, accel_bias=start.accel_bias)
 
     @property
     def status(self) -> Status:

@@ -76,7 +76,7 @@ class PlatformParams:
         """Return the parameters with these values; an unknown name raises TypeError."""
         return cls(**values)
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """Return the constants by name, for summaries and reports."""
         return asdict(self)
 
@@ -182,9 +182,9 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
             f"{data.time[-1]:.3f} s{_gnss_span(data.gnss_time)}). Check the time offset between the two."
         )
     std = horizontal_std(data.velocity_std, data.gnss_time.size)
-    usable = np.isfinite(data.velocity_ned).all(axis=1)
+    usable = np.asarray(np.isfinite(data.velocity_ned).all(axis=1))
     velocity = np.ascontiguousarray(data.velocity_ned)
-    out = [np.empty((n, 3)) for _ in range(4)]
+    gyro_bias, accel_bias, attitude, velocity_out = (np.empty((n, 3)) for _ in range(4))
     status = np.empty(n, dtype=np.uint32)
     for rows, epochs in _chunks(data, first, last):
         keep = usable[epochs]
@@ -195,12 +195,14 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
             data.gnss_time[epochs][keep],
             velocity[epochs][keep],
             std[epochs][keep],
-            *(a[rows] for a in out),
+            gyro_bias[rows],
+            accel_bias[rows],
+            attitude[rows],
+            velocity_out[rows],
             status[rows],
         )
         if progress is not None:
             progress(rows.stop / n)
-    gyro_bias, accel_bias, attitude, velocity_out = out
     events = events_of(stream, float(data.time[0]))
     left_out = int(first + data.gnss_time.size - last)
     if left_out:

@@ -62,21 +62,7 @@ class TwoStage(TwoStageF64):
 
     def __init__(self, params: TwoStageParams | None = None, *, initial: Initial | None = None) -> None:
         k, start = params or TwoStageParams(), initial or Initial()
-        TwoStageF64.__init__(
-            self,
-            tau=k.tau,
-            tau_heading=k.tau_heading,
-            min_course_speed=k.min_course_speed,
-            gravity=k.gravity,
-            lever_arm=k.lever_arm,
-            tau_gyro_lowpass=k.tau_gyro_lowpass,
-            tau_accel_lowpass=k.tau_accel_lowpass,
-            straight_rate=k.straight_rate,
-            turn_rate=k.turn_rate,
-            feedback=k.feedback,
-            gyro_bias=start.gyro_bias,
-            accel_bias=start.accel_bias,
-        )
+        TwoStageF64.__init__(self, **k.as_dict(), gyro_bias=start.gyro_bias, accel_bias=start.accel_bias)
 
     @property
     def status(self) -> Status:

@@ -306,13 +306,13 @@ def run_reference(
         broken = broken or bool(gap)
         inside = np.flatnonzero((gnss_time > now) & (gnss_time < time[i]))
         if inside.size:
-            j = int(inside[-1])
-            estimator.step(gnss_time[j] - now, w, f)
-            now = gnss_time[j]
-            close(j)
+            last = int(inside[-1])
+            estimator.step(gnss_time[last] - now, w, f)
+            now = gnss_time[last]
+            close(last)
             broken = bool(gap)
         estimator.step(time[i] - now, w, f)
-        for j in np.flatnonzero(gnss_time == time[i]):
-            close(int(j))
+        for at_sample in np.flatnonzero(gnss_time == time[i]):
+            close(int(at_sample))
         record(i)
     return out
