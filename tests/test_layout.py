@@ -60,7 +60,7 @@ def test_files_stay_short(suffix: str) -> None:
 
 
 def test_importing_loads_nothing_heavy() -> None:
-    # The promise is 0.3 s; what breaks it is a heavy library at the top of a file, and that can be tested without a clock.
+    # The promise is 0.3 s; what breaks it is a heavy library at the top of a file, which shows without a clock.
     code = "import sys, levelhead; print(*sorted(m for m in sys.modules if '.' not in m))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert {"pyarrow", "pandas", "scipy", "rich", "typer", "numba"}.isdisjoint(done.stdout.split())
@@ -74,4 +74,6 @@ def test_the_stub_names_what_the_kernel_has() -> None:
     declared = {item.name for item in classes["_Stream"].body if isinstance(item, ast.FunctionDef)}
     actual = {name for name in dir(_kernel.ObserverF64) if not name.startswith("__")}
     assert declared == actual
-    assert {name for name in classes if not name.startswith("_")} == {n for n in dir(_kernel) if n.endswith(("32", "64"))}
+    assert {name for name in classes if not name.startswith("_")} == {
+        n for n in dir(_kernel) if n.endswith(("32", "64"))
+    }

@@ -117,7 +117,7 @@ def test_events_are_sentences_with_their_times_worst_first(make_result: Make) ->
 def test_constants_are_shown_in_degrees_with_their_meaning(make_result: Make) -> None:
     params = {"omega_accel": np.pi / 4.0, "lever_arm": (1.0, 0.0, -2.5), "own_constant": "x<y", "tau": None}
     page = render_report(make_result(params=params), title="t")
-    assert '<th scope="row">omega accel</th><td class="value">45</td><td>deg</td>' in page
+    assert '<th scope="row">omega accel</th><td class="value">45</td><td>deg/s</td>' in page
     assert '<td class="value">1, 0, -2.5</td><td>m</td>' in page
     assert '<th scope="row">own constant</th><td class="value">x&lt;y</td>' in page
 

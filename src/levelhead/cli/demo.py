@@ -11,8 +11,8 @@ import numpy as np
 import typer
 
 from levelhead.analysis.estimation import estimate
-from levelhead.analysis.outputs import make_folder, write_report, write_result, write_summary
 from levelhead.cli.console import progress, show_result, terminal
+from levelhead.report.files import make_folder, write_report, write_result, write_summary
 from levelhead.sim import simulate
 
 

@@ -11,13 +11,13 @@ import typer
 
 from levelhead.analysis.estimation import DEFAULT_METHOD
 from levelhead.analysis.estimation import estimate as estimate_log
-from levelhead.analysis.outputs import make_folder, write_report, write_result, write_summary
 from levelhead.cli.console import progress, say_error, show_result, terminal
 from levelhead.cli.options import FormatOption, GnssOption, MappingOption, read_log
 from levelhead.cli.settings import load_params
 from levelhead.errors import LevelheadError, UsageError
 from levelhead.estimators import METHODS
 from levelhead.logs.writers import write
+from levelhead.report.files import make_folder, write_report, write_result, write_summary
 
 PARTLY_READ = 3
 

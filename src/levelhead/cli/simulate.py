@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from levelhead.analysis.outputs import write_truth
 from levelhead.cli.console import progress, terminal
 from levelhead.logs.writers import write
+from levelhead.report.files import write_truth
 from levelhead.sim import SCENARIOS
 from levelhead.sim import simulate as simulate_drive
 

@@ -18,6 +18,7 @@ from levelhead.estimators.base import Result
 from levelhead.report import tables
 from levelhead.report.path import PathDrawing, draw_path
 from levelhead.report.plots import BAND_KINDS, TIME_DECIMALS, Plot, status_bands, status_shares, time_plots
+from levelhead.version import __version__
 
 _JSON_ESCAPES: Final = str.maketrans(
     {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
@@ -47,8 +48,6 @@ def render_report(result: Result, *, title: str, reference: Mapping[str, ArrayLi
     UsageError
         When the reference has no ``time`` or shapes that do not fit it.
     """
-    from levelhead import __version__
-
     plots = time_plots(result, reference)
     path = draw_path(result)
     shares = status_shares(result.status)

@@ -33,7 +33,7 @@ PARAMETERS: Final[dict[str, tuple[str, str, str]]] = {
     "tau": ("tau", "s", "time constant of the roll and pitch correction"),
     "tau_heading": ("tau heading", "s", "time constant of the heading steered by the course"),
     "tau_gyro": ("tau gyro", "s", "time constant of the gyro bias estimate"),
-    "omega_accel": ("omega accel", "rad", "total turning angle that teaches the accelerometer biases"),
+    "omega_accel": ("omega accel", "rad/s", "rate constant of the accelerometer bias estimate"),
     "tau_gyro_lowpass": ("tau gyro low-pass", "s", "averaging time of the gyro biases, on straights"),
     "tau_accel_lowpass": ("tau accel low-pass", "s", "averaging time of the accelerometer biases, in turns"),
     "straight_rate": ("straight rate", "rad/s", "below this yaw rate the gyro biases are learnt"),
@@ -41,13 +41,8 @@ PARAMETERS: Final[dict[str, tuple[str, str, str]]] = {
     "min_course_speed": ("minimum course speed", "m/s", "slower than this, the course does not steer the heading"),
     "gravity": ("gravity", "m/s²", "length of the gravity vector"),
     "lever_arm": ("lever arm", "m", "from the IMU to the antenna: forward, right, down"),
-    "gyro_noise": ("gyro noise", "rad/s/√Hz", "white noise of the gyro readings"),
-    "accel_noise": ("accel noise", "m/s²/√Hz", "white noise of the accelerometer readings"),
-    "gyro_bias_walk": ("gyro bias walk", "rad/s/√s", "how fast the gyro biases may wander"),
-    "accel_bias_walk": ("accel bias walk", "m/s²/√s", "how fast the accelerometer biases may wander"),
-    "gyro_bias_std": ("initial gyro bias sigma", "rad/s", "how large the gyro biases may be at the start"),
-    "accel_bias_std": ("initial accel bias sigma", "m/s²", "how large the accelerometer biases may be at the start"),
-    "velocity_std": ("velocity sigma", "m/s", "one sigma of the GNSS velocity where the log gives none"),
+    "gain": ("gain", "", "general: by the vertical angular rate; paper: by the body's z rate, Eq. (12)"),
+    "feedback": ("feedback", "", "true: estimates are subtracted from the platform's input; false: black box"),
 }
 """Per parameter: the name for the reader, the unit inside, the meaning. One that is not here is shown as it is."""
 

@@ -11,6 +11,7 @@ from levelhead.conventions import AXES, FloatArray, StatusArray
 from levelhead.errors import OutputError
 from levelhead.estimators.base import Result
 from levelhead.logs.writers import write_table
+from levelhead.report.html import render_report
 from levelhead.sim import Truth
 
 Column = FloatArray | StatusArray
@@ -65,8 +66,6 @@ def write_summary(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path, *, title: str, reference: Mapping[str, FloatArray] | None = None) -> None:
     """Write `report.html`; `reference` is the truth of a simulated drive."""
-    from levelhead.report.html import render_report
-
     text = render_report(result, title=title, reference=reference)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
