@@ -16,6 +16,7 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "S_REVERSE": "The vehicle drove backwards: the course was turned round.",
     "W_TIME_BACK": "Samples with time stamps at or before the previous one were dropped.",
     "E_NONFINITE": "Samples with NaN or infinity were dropped.",
+    "W_UNSTEADY": "In the last two minutes these estimates still moved; take that as their uncertainty:",
     "W_TAU_RATIO": "tau_gyro is below four times tau (or tau_heading): the estimates will ring.",
 }
 """Every event code and the sentence that explains it to a user."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from levelhead.conventions import FloatArray
@@ -20,17 +21,15 @@ Make = Callable[..., Result]
 Open = Callable[[str], "Page"]
 HOSTILE = "</script><img src=x onerror=alert(1)>"
 
-# Share of pixels that are not transparent, per canvas.
-INK = """() => [...document.querySelectorAll('.plots canvas')].map(canvas => {
-  const pixels = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+# Pixels per canvas in the colour of the first curve, #0072b2: grid, text and bands have other colours.
+CURVE_PIXELS = """() => [...document.querySelectorAll('.plots canvas')].map(canvas => {
+  const p = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
   let drawn = 0;
-  for (let i = 3; i < pixels.length; i += 4) drawn += pixels[i] > 0;
-  return drawn / (pixels.length / 4);
+  for (let i = 0; i < p.length; i += 4)
+    drawn += p[i + 3] > 200 && p[i] < 40 && Math.abs(p[i + 1] - 114) < 40 && Math.abs(p[i + 2] - 178) < 40;
+  return drawn;
 })"""
-# The text of the time axis is on the canvas; the cursor's reading tells where a plot's left and right edges are.
-TIMES = (
-    "() => [...document.querySelectorAll('.u-series:first-child .u-value')].map(cell => parseFloat(cell.textContent))"
-)
+WIDTHS = "() => [...document.querySelectorAll('.uplot')].map(plot => plot.getBoundingClientRect().width)"
 VIOLATIONS = """window.violations = [];
 document.addEventListener('securitypolicyviolation', event => window.violations.push(event.violatedDirective));"""
 
@@ -72,16 +71,22 @@ def open_page(browser: Browser, tmp_path: Path, complaints: list[str]) -> Iterat
 
 
 def _edges(page: Page) -> tuple[list[float], list[float]]:
-    """Return the time at the left and at the right edge of each plot, read off the legends."""
+    """Return the time at the left and at the right edge of each plot, read with the mouse in that very plot.
+
+    The legends of the other plots would not do: they follow the cursor's time, whatever their own plot shows.
+    """
+    left: list[float] = []
+    right: list[float] = []
+    for plot in page.locator("figure:has(.u-over)").all():
+        plot.scroll_into_view_if_needed()
+        box = plot.locator(".u-over").bounding_box()
+        assert box is not None
+        for x, times in ((1.0, left), (box["width"] - 1.0, right)):
+            page.mouse.move(box["x"] + x, box["y"] + 20.0)
+            page.mouse.move(box["x"] + x, box["y"] + 30.0)
+            times.append(float(plot.locator(".u-series:first-child .u-value").inner_text().removesuffix(" s")))
     page.locator("#plot-gyro-bias").scroll_into_view_if_needed()
-    box = page.locator("#plot-gyro-bias .u-over").bounding_box()
-    assert box is not None
-    times = []
-    for x in (1.0, box["width"] - 1.0):
-        page.mouse.move(box["x"] + x, box["y"] + 20.0)
-        page.mouse.move(box["x"] + x, box["y"] + 30.0)
-        times.append(page.evaluate(TIMES))
-    return times[0], times[1]
+    return left, right
 
 
 def _drag(page: Page, first: float, last: float) -> None:
@@ -96,10 +101,10 @@ def _drag(page: Page, first: float, last: float) -> None:
 
 def test_every_plot_is_drawn_without_a_complaint(make_result: Make, open_page: Open, complaints: list[str]) -> None:
     page = open_page(render_report(make_result(), title="field-07.csv"))
-    ink = page.evaluate(INK)
-    assert len(ink) == 6
-    # Grid and ticks alone cover less than 3 %; even the plain lines here, with their bands, cover more than 8 %.
-    assert min(ink) > 0.05
+    pixels = page.evaluate(CURVE_PIXELS)
+    assert len(pixels) == 6
+    # A line across a plot of more than 500 pixels, 1.6 wide; where it lies between two rows, antialiasing takes half.
+    assert min(pixels) > 400
     box = page.evaluate("() => { const b = document.querySelector('.track').getBBox(); return [b.width, b.height]; }")
     assert min(box) > 1000.0  # tenths of a pixel: at least 100 of the 500 pixels of the drawing
     assert page.evaluate("() => window.violations") == []
@@ -196,9 +201,47 @@ def test_the_tables_read_without_scripts(make_result: Make, browser: Browser, tm
 
 def test_it_prints_on_three_pages_and_comes_back(make_result: Make, open_page: Open, complaints: list[str]) -> None:
     page = open_page(render_report(make_result(), title="t"))
-    width = page.locator("#plot-speed .uplot").bounding_box()
+    on_screen = page.evaluate(WIDTHS)
     pdf = page.pdf(format="A4")
     assert pdf.count(b"/Type /Page\n") == 3
-    # The resize happens in a microtask after the print; the next look at the page comes later than that.
-    assert page.locator("#plot-speed .uplot").bounding_box() == width
+    assert page.evaluate(WIDTHS) == on_screen
     assert complaints == []
+
+
+def test_plots_are_redrawn_for_paper_while_printing(make_result: Make, open_page: Open) -> None:
+    """A dark screen, a white sheet: the browser's print events make the plots fit A4 and take the light colours."""
+    page = open_page(render_report(make_result(), title="t"))
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_function(f"() => ({CURVE_PIXELS})().every(count => count === 0)")
+    on_screen = page.evaluate(WIDTHS)
+    page.evaluate("() => window.dispatchEvent(new Event('beforeprint'))")
+    assert page.evaluate(WIDTHS) == [688.0] * 6  # px; A4 less its margins, 184 mm, is 695 px
+    assert min(page.evaluate(CURVE_PIXELS)) > 400
+    page.evaluate("() => window.dispatchEvent(new Event('afterprint'))")
+    assert page.evaluate(WIDTHS) == on_screen
+    assert max(page.evaluate(CURVE_PIXELS)) == 0
+
+
+def test_a_start_up_peak_leaves_the_curves_apart(make_result: Make, open_page: Open) -> None:
+    """A bias that starts 50 deg/s off must not press the three curves into one line."""
+    bias = make_result().gyro_bias.copy()
+    bias[100:110, 0] = np.radians(50.0)
+    page = open_page(render_report(make_result(gyro_bias=bias), title="t"))
+    # The middle row of the right half's pixels in the colour of x (#0072b2), and of y (#d55e00).
+    rows = page.evaluate(
+        """() => {
+          const canvas = document.querySelector('#plot-gyro-bias canvas');
+          const p = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+          return [[0, 114, 178], [213, 94, 0]].map(wanted => {
+            const found = [];
+            for (let i = 0; i < p.length; i += 4) {
+              const near = wanted.every((value, k) => Math.abs(p[i + k] - value) < 40);
+              if (near && p[i + 3] > 200 && (i / 4) % canvas.width > canvas.width / 2)
+                found.push(Math.floor(i / 4 / canvas.width));
+            }
+            return found[Math.floor(found.length / 2)];
+          });
+        }"""
+    )
+    # 0.43 deg/s apart in a view of about 0.9 deg/s and 180 pixels: 90; in one of 50 deg/s it would be 2.
+    assert rows[1] - rows[0] > 50

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Final, Protocol, Self
 
@@ -11,6 +11,15 @@ import numpy as np
 from levelhead.conventions import GRAVITY, FloatArray, StatusArray
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators.base import Result, SensorData, Status
+from levelhead.estimators.trust import (
+    ACCEL_BAND,
+    GYRO_BAND,
+    first_settled,
+    observable,
+    steady,
+    wander,
+    wander_event,
+)
 from levelhead.events import Event
 
 Triple = tuple[float, float, float]
@@ -239,15 +248,6 @@ def interpolated_position(data: SensorData) -> FloatArray | None:
     return out
 
 
-def first_settled(time: FloatArray, status: StatusArray, flag: Status) -> float | None:
-    """Return the time since the start at which a flag was set for good, or None."""
-    set_ = (status & int(flag)) != 0
-    if not set_[-1]:
-        return None
-    unset = np.flatnonzero(~set_)
-    return float(time[unset[-1] + 1] - time[0]) if unset.size else 0.0
-
-
 def finish(
     data: SensorData,
     trace: Trace,
@@ -262,10 +262,9 @@ def finish(
     vertical = stream.vertical_axis
     accel_bias = trace.accel_bias
     accel_bias[:, vertical] = np.nan
-    last = Status(int(trace.status[-1]))
-    # Along the vertical the gyro bias is taught by the course, across it by the level platform.
-    gyro_flags = [Status.GYRO_SETTLED] * 3
-    gyro_flags[vertical] = Status.HEADING_SETTLED
+    could_gyro, could_accel = observable(Status(int(trace.status[-1])), vertical)
+    gyro_moved, accel_moved = wander(data.time, trace.gyro_bias), wander(data.time, accel_bias)
+    unsteady = wander_event(gyro_moved, accel_moved, could_gyro, could_accel)
     settled = {
         "gyro": first_settled(data.time, trace.status, Status.GYRO_SETTLED),
         "accel": first_settled(data.time, trace.status, Status.ACCEL_SETTLED),
@@ -287,13 +286,8 @@ def finish(
         status=trace.status,
         method=method,
         params=params.as_dict(),
-        known_gyro=_three(bool(flag in last) for flag in gyro_flags),
-        known_accel=_three(Status.ACCEL_SETTLED in last and axis != vertical for axis in range(3)),
+        known_gyro=steady(could_gyro, gyro_moved, GYRO_BAND),
+        known_accel=steady(could_accel, accel_moved, ACCEL_BAND),
         settled_at_s=settled,
-        events=trace.events + warnings,
+        events=trace.events + warnings + unsteady,
     )
-
-
-def _three(flags: Iterable[bool]) -> tuple[bool, bool, bool]:
-    x, y, z = flags
-    return x, y, z

@@ -2,7 +2,7 @@
   "use strict";
 
   const data = JSON.parse(document.getElementById("report-data").textContent);
-  const PRINT_WIDTH = 688; // px, the text width of A4 with the margins of report.css
+  const PRINT_WIDTH = 688; // px, just below the 184 mm that the margins of report.css leave of A4
   const HEIGHT = 214; // px, as .canvas in report.css
   const PRINT_HEIGHT = 184;
   const root = document.documentElement;
