@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -133,20 +135,25 @@ def test_a_folder_that_is_absent_is_an_output_error(drive: Log, tmp_path: Path, 
         write(drive, tmp_path / "absent" / f"a{suffix}")
 
 
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """Let no file grow beyond 4 kB, as on a full disk: the system refuses the write, and Python ignores the signal."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
 @SUFFIXES
 def test_a_disk_that_fills_up_leaves_the_old_log(
-    drive: Log, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+    drive: Log, tmp_path: Path, suffix: str, request: pytest.FixtureRequest
 ) -> None:
     path = tmp_path / f"a{suffix}"
     write(drive, path)
     before = path.read_bytes()
-
-    def refuse(*_args: object, **_settings: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("pyarrow.csv.write_csv", refuse)
-    monkeypatch.setattr("pyarrow.parquet.write_table", refuse)
-    with pytest.raises(OutputError, match="No space left on device"):
+    assert len(before) > 4096
+    request.getfixturevalue("small_files")
+    with pytest.raises(OutputError, match=r"could not be written: .*File too large"):
         write(drive, path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [path.name]

@@ -35,6 +35,9 @@ SUFFIXES: Final = (".csv", ".parquet")
 COMPRESSION: Final = "snappy"
 """Of 26 columns and 360 000 rows: 0.11 s to write; zstd takes 0.16 s for a file that is 8 % smaller."""
 
+ROW_GROUP: Final = 65_536
+"""Rows that are turned into Arrow and written at a time, so that a long table does not stand in memory twice."""
+
 
 def write(log: Log, path: str | os.PathLike[str]) -> None:
     """Write a log as canonical CSV or Parquet, as the suffix of `path` says.
@@ -64,7 +67,7 @@ def write(log: Log, path: str | os.PathLike[str]) -> None:
     if target.suffix == ".parquet":
         epoch = log.meta.get("epoch")
         metadata = {EPOCH_KEY: repr(float(epoch)).encode()} if isinstance(epoch, int | float) else {}
-        _write_parquet(_arrow_table(columns, CANONICAL_UNITS, metadata), target)
+        _write_parquet(columns, CANONICAL_UNITS, metadata, target)
     else:
         _write_csv(_arrow_table(columns, {}, {}), target)
 
@@ -89,7 +92,7 @@ def write_table(columns: Mapping[str, Array], units: Mapping[str, str], path: st
     shapes = {name: np.shape(values) for name, values in columns.items()}
     if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
         raise UsageError(f"The columns of a table must be one-dimensional and of one length; the shapes are {shapes}.")
-    _write_parquet(_arrow_table(columns, units, {}), Path(path))
+    _write_parquet(columns, units, {}, Path(path))
 
 
 def log_columns(log: Log) -> dict[str, FloatArray]:
@@ -138,12 +141,24 @@ def _arrow_table(columns: Mapping[str, Array], units: Mapping[str, str], metadat
     return pa.table(arrays, schema=pa.schema(fields, metadata=metadata or None))
 
 
-def _write_parquet(table: pa.Table, target: Path) -> None:
+def _write_parquet(
+    columns: Mapping[str, Array], units: Mapping[str, str], metadata: dict[bytes, bytes], target: Path
+) -> None:
     import pyarrow.parquet as pq
 
-    with atomic_path(target) as temporary:
-        # Readings hardly repeat: looking for a dictionary of them costs three times the rest of the writing.
-        pq.write_table(table, temporary, compression=COMPRESSION, use_dictionary=False)
+    def rows(start: int) -> pa.Table:
+        group = {name: values[start : start + ROW_GROUP] for name, values in columns.items()}
+        return _arrow_table(group, units, metadata)
+
+    count = max((values.shape[0] for values in columns.values()), default=0)
+    schema = rows(0).schema
+    # Readings hardly repeat: looking for a dictionary of them costs three times the rest of the writing.
+    with (
+        atomic_path(target) as temporary,
+        pq.ParquetWriter(temporary, schema, compression=COMPRESSION, use_dictionary=False) as writer,
+    ):
+        for start in range(0, max(count, 1), ROW_GROUP):
+            writer.write_table(rows(start))
 
 
 def _write_csv(table: pa.Table, target: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source, Table
@@ -51,6 +52,8 @@ def read(source: Source) -> Pieces:
 
 
 def _read(source: Source, file: pq.ParquetFile) -> Pieces:
+    import pyarrow as pa
+
     name = source.path.name
     schema = file.schema_arrow
     rows = file.metadata.num_rows
@@ -65,12 +68,15 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
         kind = schema.field(found.index).type
         if not _is_numeric(kind):
             raise LogError(f"{name}: the column {column} is of type {kind}; store numbers (float64).")
-    data = file.read(columns=[schema.names[c.index] for c in columns.values()])
-    scaled = {
-        column: data.column(schema.names[found.index]).cast("float64").to_numpy() * found.factor
-        for column, found in columns.items()
-    }
+    # One column at a time: the whole table beside its copies would double what a long log needs.
+    scaled: dict[str, FloatArray] = {}
+    for column, found in columns.items():
+        data = file.read(columns=[schema.names[found.index]]).column(0)
+        values = data.cast("float64").to_numpy()
+        scaled[column] = values if found.factor == 1.0 else values * found.factor
     pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}"))
+    scaled.clear()
+    pa.default_memory_pool().release_unused()
     epoch = _decoded((schema.metadata or {}).get(EPOCH_KEY))
     meta = {} if epoch is None else {"epoch": _epoch(name, epoch)}
     return Pieces(imu=pieces.imu, gnss=pieces.gnss, meta=meta)

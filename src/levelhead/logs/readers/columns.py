@@ -133,10 +133,8 @@ def pieces_from_table(table: Table) -> Pieces:
     for column, values in table.columns.items():
         _refuse(table, np.isinf(values), f"{column} is infinite", "remove that row")
     _refuse(table, np.isnan(time), "the time stamp is absent", "every row needs one")
-    imu_rows, imu = _group(table, IMU_COLUMNS)
-    velocity_rows, velocity = _group(table, VELOCITY_COLUMNS)
-    position_rows, position = _group(table, POSITION_COLUMNS)
-    gnss_rows = velocity_rows | position_rows
+    imu_rows = _present(table, IMU_COLUMNS)
+    gnss_rows = _present(table, VELOCITY_COLUMNS) | _present(table, POSITION_COLUMNS)
     if IMU_COLUMNS[0] in table.columns:
         _refuse(table, ~imu_rows & ~gnss_rows, "the row has neither IMU readings nor a GNSS fix", "remove that row")
         if not imu_rows.any():
@@ -145,36 +143,45 @@ def pieces_from_table(table: Table) -> Pieces:
         raise LogError(f"{table.name}: the GNSS columns are empty on every row; a log needs GNSS fixes.")
     _check_advancing(table, imu_rows)
     _check_advancing(table, gnss_rows)
-    return Pieces(
-        imu=ImuData(time=time[imu_rows], gyro=imu[imu_rows, :3], accel=imu[imu_rows, 3:]) if imu_rows.any() else None,
-        gnss=_gnss(table, gnss_rows, velocity, position) if gnss_rows.any() else None,
-        left_out=table.left_out,
-    )
+    imu = None
+    if imu_rows.any():
+        gyro, accel = _stacked(table, GYRO_COLUMNS, imu_rows), _stacked(table, ACCEL_COLUMNS, imu_rows)
+        imu = ImuData(time=time[imu_rows], gyro=gyro, accel=accel)
+    gnss = _gnss(table, gnss_rows) if gnss_rows.any() else None
+    return Pieces(imu=imu, gnss=gnss, left_out=table.left_out)
 
 
-def _group(table: Table, names: Sequence[str]) -> tuple[BoolArray, FloatArray]:
-    """Return which rows have the columns `names`, and the columns side by side; half a row is an error."""
+def _present(table: Table, names: Sequence[str]) -> BoolArray:
+    """Return which rows have the columns `names`; half a row is an error."""
     size = table.columns[TIME_COLUMN].size
     if names[0] not in table.columns:
-        return np.zeros(size, dtype=np.bool_), np.full((size, len(names)), np.nan)
-    values = np.column_stack([table.columns[c] for c in names])
-    present = ~np.isnan(values)
-    rows: BoolArray = np.logical_and.reduce(present, axis=1)
-    half = np.flatnonzero(present.any(axis=1) & ~rows)
+        return np.zeros(size, dtype=np.bool_)
+    present = np.array([~np.isnan(table.columns[c]) for c in names])
+    rows: BoolArray = np.logical_and.reduce(present, axis=0)
+    half = np.flatnonzero(present.any(axis=0) & ~rows)
     if half.size:
         k = int(half[0])
-        empty = ", ".join(c for c, here in zip(names, present[k], strict=True) if not here)
+        empty = ", ".join(c for c, here in zip(names, present[:, k], strict=True) if not here)
         raise LogError(
             f"{table.name}, {table.where(k)}: {empty} is empty where the other readings of the row are present "
             f"({half.size} such rows in all); fill in the row or remove it."
         )
-    return rows, values
+    return rows
 
 
-def _gnss(table: Table, rows: BoolArray, velocity: FloatArray, position: FloatArray) -> GnssData:
-    latitude, longitude = np.abs(position[:, 0]), np.abs(position[:, 1])
-    beyond = (latitude > 90.0) | (longitude > 360.0)
-    _refuse(table, beyond, "lat or lon is beyond the globe", "give degrees as decimal numbers, not ddmm.mmmm")
+def _stacked(table: Table, names: Sequence[str], rows: BoolArray) -> FloatArray:
+    """Return some rows of the columns `names` side by side, NaN where the file has no such columns."""
+    if names[0] not in table.columns:
+        return np.full((int(rows.sum()), len(names)), np.nan)
+    return np.column_stack([table.columns[c][rows] for c in names])
+
+
+def _gnss(table: Table, rows: BoolArray) -> GnssData:
+    if POSITION_COLUMNS[0] in table.columns:
+        latitude, longitude = (np.abs(table.columns[c]) for c in POSITION_COLUMNS[:2])
+        beyond = (latitude > 90.0) | (longitude > 360.0)
+        _refuse(table, beyond, "lat or lon is beyond the globe", "give degrees as decimal numbers, not ddmm.mmmm")
+    position = _stacked(table, POSITION_COLUMNS, rows)
 
     def column(name: str) -> FloatArray | None:
         return none_if_absent(table.columns[name][rows]) if name in table.columns else None
@@ -182,9 +189,9 @@ def _gnss(table: Table, rows: BoolArray, velocity: FloatArray, position: FloatAr
     position_rad = np.column_stack((np.radians(position[:, :2]), position[:, 2]))
     return GnssData(
         time=table.columns[TIME_COLUMN][rows],
-        velocity_ned=none_if_absent(velocity[rows]),
+        velocity_ned=none_if_absent(_stacked(table, VELOCITY_COLUMNS, rows)),
         velocity_std=column(VELOCITY_STD_COLUMN),
-        position_llh=none_if_absent(position_rad[rows]),
+        position_llh=none_if_absent(position_rad),
         position_std=column(POSITION_STD_COLUMN),
     )
 
