@@ -19,4 +19,5 @@ for name, estimate, exact, unit in (
 
 print("known:", result.summary()["known"])
 again = lh.estimate(log.corrected(result))
-print("left in the corrected log:", np.degrees(again.gyro_bias[-1, :2]).round(4), "deg/s, accel", again.accel_bias[-1, :2])
+left = np.degrees(again.gyro_bias[-1, :2]), again.accel_bias[-1, :2]
+print("left in the corrected log:", left[0].round(4), "deg/s,", left[1].round(4), "m/s^2")
