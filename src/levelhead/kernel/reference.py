@@ -164,7 +164,7 @@ class Platform:
             u_level=mean.T @ w_level,
             down=mean[2],
             yaw_rate=self.turn / max(length, 1e-6),
-            learn=level,
+            learn=float(np.interp(abs(self.turn), [0.5, 1.0], [1.0, 0.0])) if level else 0.0,
         )
         self.control_rate_ned, self.hold = w_p, length
         self.velocity = v
@@ -181,7 +181,7 @@ class Interval:
     u_level: FloatArray
     down: FloatArray
     yaw_rate: float
-    learn: bool
+    learn: float
 
 
 @dataclass(kw_only=True)
@@ -201,8 +201,7 @@ class ReferenceObserver:
 
     def learn(self, i: Interval) -> None:
         """Integrate both biases over one interval."""
-        g, turn = self.platform.gravity, abs(i.yaw_rate) * i.length
-        time = i.length * float(np.interp(turn, [0.5, 1.0], [1.0, 0.0]))
+        g, time = self.platform.gravity, i.length * i.learn
         rate = float(np.clip(i.yaw_rate, -2.0, 2.0))
         self.gyro_bias = self.gyro_bias + (i.u_level * time + (i.u - i.u_level) * i.length) / self.tau_gyro
         if self.paper_gain:
@@ -240,9 +239,9 @@ class ReferenceTwoStage:
             flat = residual - i.down * (i.down @ residual)
             read = g * (flat / i.yaw_rate + tau * np.cross(i.down, i.u_level))
             error = read if self.feedback else read - self.accel_bias
-            self.accel_bias = self.accel_bias + error * min(1.0, i.length / self.tau_accel_lowpass)
+            self.accel_bias = self.accel_bias + i.learn * error * min(1.0, i.length / self.tau_accel_lowpass)
         if abs(i.yaw_rate) < self.straight_rate:
-            self.gyro_bias = self.gyro_bias + residual * min(1.0, i.length / self.tau_gyro_lowpass)
+            self.gyro_bias = self.gyro_bias + i.learn * residual * min(1.0, i.length / self.tau_gyro_lowpass)
 
 
 Reference = ReferenceObserver | ReferenceTwoStage
@@ -287,7 +286,7 @@ def run_reference(
         if interval is None:
             return
         epoch_time = gnss_time[j]
-        if started and interval.learn:
+        if started:
             estimator.learn(interval)
 
     def record(i: int) -> None:

@@ -16,10 +16,6 @@ struct ObserverParams {
 };
 
 constexpr double max_gain_rate = 2.0;  // |w_z| in the accelerometer bias gain is clamped to this, rad/s
-// A velocity increment over a large turn says little about the attitude within it, and the loop's phase lags by that turn:
-// the level biases learn in full up to the first angle per GNSS interval and not at all from the second, rad.
-constexpr double full_turn = 0.5;
-constexpr double no_turn = 1.0;
 
 template <class S>
 struct Observer {
@@ -43,10 +39,8 @@ struct Observer {
     }
 
     void learn(const Params& k, const Interval<S>& i) {
-        const S turn = absolute(i.yaw_rate) * i.length;
-        const S trust = clamp((S(no_turn) - turn) * S(1.0 / (no_turn - full_turn)), S(0), S(1));
         const S yaw_rate = clamp(i.yaw_rate, S(-max_gain_rate), S(max_gain_rate));
-        const S time = i.length * i.learn * trust;
+        const S time = i.length * i.learn;
         // Eq. (11). The vertical component learns from the course by the same rule.
         const Vec3<S> heading_share = i.control_rate_body - i.control_rate_body_level;
         gyro_bias = gyro_bias + (i.control_rate_body_level * time + heading_share * i.length) * (S(1) / k.tau_gyro);

@@ -24,6 +24,10 @@ constexpr double standstill_speed = 0.3;    // slower than this, heading does no
 constexpr double reverse_enter = 1.75;      // 100 deg between course and heading: driving backwards, rad
 constexpr double reverse_leave = 1.40;      // 80 deg: forwards again; the difference is the hysteresis, rad
 constexpr uint32_t orthonormalize_every = 32;  // samples
+// A velocity increment over a large turn says little about the attitude within it, and the loop's phase lags by that turn:
+// the level biases learn in full up to the first angle per GNSS interval and not at all from the second, rad.
+constexpr double full_turn = 0.5;
+constexpr double no_turn = 1.0;
 
 template <class S>
 struct PlatformState {
@@ -51,7 +55,7 @@ struct Interval {
     Vec3<S> control_rate_body_level;  // the same without the heading's share
     Vec3<S> down_body;          // the vertical seen from the mean attitude
     S yaw_rate;                 // mean vertical angular rate, rad/s
-    S learn;                    // 1 where the biases may learn from the interval, else 0
+    S learn;                    // 0 to 1: how much the level biases may learn from the interval
     S steered;                  // 1 where the course steered the heading, else 0
     S waiting;                  // 1 where start-up needs a longer interval: it goes on from its first epoch
 };
@@ -175,7 +179,8 @@ Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, S le
     out.control_rate_body = transposed_times(mean, w_p);
     out.down_body = mean.z;
     out.yaw_rate = p.turn * rate;
-    out.learn = select(level, S(1), S(0));
+    const S trust = (S(no_turn) - absolute(p.turn)) * S(1.0 / (no_turn - full_turn));
+    out.learn = select(level, clamp(trust, S(0), S(1)), S(0));
     out.steered = select(steer, S(1), S(0));
     out.waiting = select(waiting, S(1), S(0));
 
