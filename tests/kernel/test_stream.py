@@ -193,3 +193,18 @@ def test_several_epochs_between_two_samples_count_as_their_last() -> None:
     trace = run(Observer(), log)
     assert np.isfinite(trace.gyro_bias).all()
     assert not trace.status[-1] & Status.INITIALIZING
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_imu_turned_over_and_over_stays_finite(kind: type[Live]) -> None:
+    # Half a turn of roll per GNSS interval: the mean attitude of each interval has no vertical at all.
+    stream = kind()
+    for k in range(3000):
+        t = 0.01 * k
+        roll = math.pi * k / 10.0
+        stream.update_imu(t, (math.pi * 10.0, 0.0, 0.2), (0.0, -9.8 * math.sin(roll), -9.8 * math.cos(roll)))
+        if k % 10 == 0:
+            stream.update_gnss(t, (3.0 * math.cos(0.2 * t), 3.0 * math.sin(0.2 * t), 0.0))
+    assert np.isfinite(stream.gyro_bias).all()
+    assert np.isfinite(np.delete(stream.accel_bias, stream.vertical_axis)).all()
+    np.testing.assert_allclose(stream.dcm_body_to_ned @ stream.dcm_body_to_ned.T, np.eye(3), atol=1e-12)

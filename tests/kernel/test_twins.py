@@ -13,9 +13,14 @@ from levelhead.sim import SensorModel, simulate
 from .conftest import Kit, Params, irregular
 
 
-@pytest.fixture(scope="module", params=["regular", "irregular", "from standstill"])
+@pytest.fixture(scope="module", params=["regular", "irregular", "from standstill", "slow GNSS", "reverse"])
 def drive(request: pytest.FixtureRequest) -> Log:
-    """Two minutes of curves at 50 Hz and 5 Hz, as recorded by three kinds of hardware."""
+    """Two minutes at 50 Hz and 5 Hz, as recorded by several kinds of hardware and drivers."""
+    if request.param == "slow GNSS":  # 0.75 rad of turn in an interval: half trusted
+        return simulate("windrower", seed=3, duration=120.0, sensors=SensorModel(imu_rate=50.0, gnss_rate=0.4))[0]
+    if request.param == "reverse":
+        slow = SensorModel(imu_rate=50.0, gnss_rate=5.0)
+        return simulate("reverse", seed=3, duration=150.0, sensors=slow)[0]
     standstill = 20.0 if request.param == "from standstill" else 0.0
     log, _ = simulate(
         "windrower", seed=3, duration=120.0, standstill_s=standstill, sensors=SensorModel(imu_rate=50.0, gnss_rate=5.0)

@@ -44,10 +44,16 @@ struct Observer {
         // Eq. (11). The vertical component learns from the course by the same rule.
         const Vec3<S> heading_share = i.control_rate_body - i.control_rate_body_level;
         gyro_bias = gyro_bias + (i.control_rate_body_level * time + heading_share * i.length) * (S(1) / k.tau_gyro);
-        // Eq. (12). The general gain ([w_b x][k_b x])^T u, with k_b = C^T k, is (w . down) u - w (down . u); the level part
-        // of u has no component along down, so it is Eq. (12) with the vertical rate in place of the body's w_z.
+        // Eq. (12). The general gain ([w_b x][k_b x])^T u, with k_b = C^T k and w_b along down, is the vertical rate times
+        // the part of u across down; the paper's is the body's w_z times the x and y of u.
         Vec3<S> u = i.control_rate_body_level;
-        if (k.paper_gain) u.z = S(0);
+        if (k.paper_gain) {
+            u.z = S(0);
+        } else {
+            // An IMU that turns over within one interval has no mean vertical; such a one must not divide by zero.
+            const S length2 = maximum(dot(i.down_body, i.down_body), S(1e-3));
+            u = u - i.down_body * (dot(i.down_body, u) / length2);
+        }
         accel_bias = accel_bias + u * (k.platform.gravity * yaw_rate * time / k.omega_accel);
 
         const S lag = yaw_rate * k.platform.tau;
