@@ -143,7 +143,7 @@ class Platform:
             self.dcm_body_to_ned = turn @ self.dcm_body_to_ned
             self.heading_known = True
 
-        at_rest = speed < 0.3 and float(np.hypot(before[0], before[1])) < 0.3
+        at_rest = speed < 0.15 and float(np.hypot(before[0], before[1])) < 0.15
         level = closed and was_aligned and (knew_heading or at_rest)
         steer = closed and was_aligned and knew_heading and trusted
         w_p = np.zeros(3)

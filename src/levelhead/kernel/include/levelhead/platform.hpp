@@ -20,7 +20,7 @@ struct PlatformParams {
 constexpr double max_interval = 10.0;       // a longer time between two epochs is an outage: nothing is learnt from it, s
 constexpr double align_time = 1.0;          // start-up levelling averages the specific force at least this long, s
 constexpr double max_course_std = 0.26;     // 15 deg: a course less certain than this does not steer, rad
-constexpr double standstill_speed = 0.3;    // slower than this, heading does not matter for levelling, m/s
+constexpr double standstill_speed = 0.15;   // slower than this, heading does not matter for levelling, m/s
 constexpr double reverse_enter = 1.75;      // 100 deg between course and heading: driving backwards, rad
 constexpr double reverse_leave = 1.40;      // 80 deg: forwards again; the difference is the hysteresis, rad
 constexpr uint32_t orthonormalize_every = 32;  // samples
