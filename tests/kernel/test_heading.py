@@ -48,8 +48,8 @@ def test_rocking_to_and_fro_before_the_first_course_does_not_tilt_the_platform()
     trace = run(Observer(), log)
     known = ~np.isnan(trace.attitude[:, 0])
     assert known[200:].all()
-    # Only below 0.15 m/s does the platform level. Epochs are 0.16 m/s apart at the turning points, so up to 0.3 + 0.16 m/s
-    # of change are seen the wrong way round: 2 * 0.46/(g tau) = 1.35 deg, forgotten within tau.
+    # Only below 0.15 m/s does the platform level. Epochs are 0.16 m/s apart at the turning points, so up to 0.46 m/s of
+    # change are seen the wrong way round: 2 * 0.46/(g tau) = 1.35 deg, forgotten within tau.
     assert np.degrees(np.abs(trace.attitude[known, :2])).max() < 1.35
 
 
