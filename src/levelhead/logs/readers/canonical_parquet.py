@@ -68,10 +68,11 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
         kind = schema.field(found.index).type
         if not _is_numeric(kind):
             raise LogError(f"{name}: the column {column} is of type {kind}; store numbers (float64).")
-    # One column at a time: the whole table beside its copies would double what a long log needs.
+    # One column at a time: the whole table beside its copies would double what a long log needs. One thread: Arrow's
+    # pool sometimes aborts a short process at its exit (apache/arrow#34314).
     scaled: dict[str, FloatArray] = {}
     for column, found in columns.items():
-        data = file.read(columns=[schema.names[found.index]]).column(0)
+        data = file.read(columns=[schema.names[found.index]], use_threads=False).column(0)
         values = data.cast("float64").to_numpy()
         scaled[column] = values if found.factor == 1.0 else values * found.factor
     pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}"))

@@ -173,9 +173,11 @@ def _parse(
     keys = [f"c{k}" for k in range(len(layout.names))]
     used = sorted({keys[index] for index in wanted.values()})
     try:
+        # One thread: Arrow's pool sometimes aborts a short process at its exit (apache/arrow#34314), and an exit code
+        # must be right.
         table = arrow_csv.read_csv(
             pa.BufferReader(pa.py_buffer(body)),
-            read_options=arrow_csv.ReadOptions(column_names=keys),
+            read_options=arrow_csv.ReadOptions(column_names=keys, use_threads=False),
             parse_options=arrow_csv.ParseOptions(delimiter=layout.delimiter),
             convert_options=arrow_csv.ConvertOptions(
                 column_types=dict.fromkeys(used, pa.float64()), include_columns=used, null_values=sorted(_BLANK)
