@@ -68,7 +68,7 @@ def test_the_observer_settles_and_says_so_in_time(scenario: str, seed: int) -> N
     for name, error, bound in (("gyro", gyro, 0.012 + 0.006), ("accel", accel, 0.015 + 0.012)):
         since = result.settled_at_s[name]
         assert since is not None
-        assert since < 900.0
+        assert since < 1100.0  # the claim may come later than the fact (600 s), never earlier
         assert error[log.time - log.time[0] >= since].max() < bound, name
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import levelhead as lh
+from levelhead.conventions import GRAVITY
 
 METHODS = ("observer", "two-stage")
 
@@ -71,3 +72,37 @@ def test_the_vertical_accelerometer_is_never_claimed() -> None:
     assert isinstance(accel, list)
     assert accel[2] is None
     json.dumps(summary, allow_nan=False)  # JSON has no NaN
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("amplitude_deg_s", "period", "duration"), [(10.0, 1.0, 900.0), (10.0, 4.0, 900.0), (3.0, 2.0, 3600.0)]
+)
+def test_weaving_quicker_than_tau_is_no_turn(
+    method: str, amplitude_deg_s: float, period: float, duration: float
+) -> None:
+    # A nervous driver on a straight road: the control rate lags by tau and hardly sees the accelerometer bias.
+    t = np.arange(0.0, duration, 0.01)
+    omega = 2.0 * np.pi / period
+    rate = np.radians(amplitude_deg_s) * np.sin(omega * t)
+    heading = np.radians(amplitude_deg_s) / omega * (1.0 - np.cos(omega * t))
+    n = t.size
+    gyro = np.column_stack([np.zeros(n), np.zeros(n), rate]) + np.radians([0.08, -0.13, 0.05])
+    accel = np.column_stack([np.zeros(n), 3.0 * rate, np.full(n, -GRAVITY)]) + np.array([0.11, -0.2, 0.0])
+    velocity = 3.0 * np.column_stack([np.cos(heading), np.sin(heading), np.zeros(n)])
+    log = lh.Log(time=t, gyro=gyro, accel=accel, gnss_time=t[::10], velocity_ned=velocity[::10])
+    result = lh.estimate(log, method)
+    wrong = np.abs(result.accel_bias[-1, :2] - [0.11, -0.2]) > 0.04
+    assert wrong.any()
+    assert not (np.array(result.known_accel[:2]) & wrong).any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_log_that_begins_in_reverse_claims_nothing(method: str) -> None:
+    log, _ = lh.simulate("reverse", seed=3, start=100.0, duration=900.0)
+    result = lh.estimate(log, method)
+    assert "W_MOSTLY_REVERSE" in {event.code for event in result.events}
+    assert result.known_gyro == (False, False, False)
+    assert result.known_accel == (False, False, False)
+    forwards, _ = lh.simulate("reverse", seed=3, duration=900.0)
+    assert "W_MOSTLY_REVERSE" not in {event.code for event in lh.estimate(forwards, method).events}

@@ -15,6 +15,7 @@ from levelhead.estimators.trust import (
     ACCEL_BAND,
     GYRO_BAND,
     first_settled,
+    mostly_backwards,
     observable,
     steady,
     wander,
@@ -41,6 +42,12 @@ class Initial:
 
     gyro_bias: Triple = (0.0, 0.0, 0.0)
     accel_bias: Triple = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("gyro_bias", "accel_bias"):
+            value = getattr(self, name)
+            if len(value) != 3 or not np.all(np.isfinite(value)):
+                raise UsageError(f"{name} of Initial is {value}; pass three finite numbers.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,6 +272,9 @@ def finish(
     could_gyro, could_accel = observable(Status(int(trace.status[-1])), vertical)
     gyro_moved, accel_moved = wander(data.time, trace.gyro_bias), wander(data.time, accel_bias)
     unsteady = wander_event(gyro_moved, accel_moved, could_gyro, could_accel)
+    backwards = mostly_backwards(trace.status)
+    if backwards:
+        could_gyro = could_accel = (False, False, False)
     settled = {
         "gyro": first_settled(data.time, trace.status, Status.GYRO_SETTLED),
         "accel": first_settled(data.time, trace.status, Status.ACCEL_SETTLED),
@@ -289,5 +299,5 @@ def finish(
         known_gyro=steady(could_gyro, gyro_moved, GYRO_BAND),
         known_accel=steady(could_accel, accel_moved, ACCEL_BAND),
         settled_at_s=settled,
-        events=trace.events + warnings + unsteady,
+        events=trace.events + warnings + unsteady + backwards,
     )

@@ -66,3 +66,16 @@ def wander_event(gyro: FloatArray, accel: FloatArray, known_gyro: Flags, known_a
     if not moving:
         return ()
     return (Event(code="W_UNSTEADY", count=len(moving), detail=f"{', '.join(moving)}."),)
+
+
+def mostly_backwards(status: StatusArray) -> tuple[Event, ...]:
+    """Return a warning where the vehicle seems to have driven backwards for most of the time.
+
+    Nobody does: the first course was taken in reverse, or the IMU faces backwards. Either way the accelerations were
+    compared the wrong way round, and nothing that was learnt can be trusted.
+    """
+    heading_known = (status & int(Status.INITIALIZING | Status.ALIGNING)) == 0
+    reverse = (status & int(Status.REVERSE)) != 0
+    if int(reverse.sum()) <= 0.5 * max(1, int(heading_known.sum())):
+        return ()
+    return (Event(code="W_MOSTLY_REVERSE", count=1),)

@@ -24,8 +24,10 @@ void read3(nb::handle object, const char* name, double out[3]) {
     if (PyTuple_CheckExact(o) || PyList_CheckExact(o)) {
         if (Py_SIZE(o) == 3) {
             for (int i = 0; i < 3; ++i) {
-                PyObject* item = PyTuple_CheckExact(o) ? PyTuple_GET_ITEM(o, i) : PyList_GET_ITEM(o, i);
-                out[i] = PyFloat_AsDouble(item);
+                // A strong reference: converting a number may run Python code, which may change the list.
+                nb::object item = nb::steal(PySequence_GetItem(o, i));
+                if (!item.is_valid()) throw nb::python_error();
+                out[i] = PyFloat_AsDouble(item.ptr());
                 if (out[i] == -1.0 && PyErr_Occurred()) throw nb::python_error();
             }
             return;
@@ -71,7 +73,12 @@ Vec3<S> row(const double* p) {
 template <class S>
 S horizontal_std(nb::handle object) {
     if (object.is_none()) return S(NAN);
-    if (PyFloat_Check(object.ptr()) || PyLong_Check(object.ptr())) return S(PyFloat_AsDouble(object.ptr()));
+    if (PyNumber_Check(object.ptr()) && (!PySequence_Check(object.ptr()) || PySequence_Size(object.ptr()) < 0)) {
+        PyErr_Clear();  // an array of no dimensions has no length but is a number
+        const double value = PyFloat_AsDouble(object.ptr());
+        if (value == -1.0 && PyErr_Occurred()) throw nb::python_error();
+        return S(value);
+    }
     double v[3];
     read3(object, "velocity_std", v);
     return S(sqrt(0.5 * (v[0] * v[0] + v[1] * v[1])));

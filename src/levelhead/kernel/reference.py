@@ -165,6 +165,7 @@ class Platform:
             down=mean[2],
             yaw_rate=self.turn / max(length, 1e-6),
             learn=float(np.interp(abs(self.turn), [0.5, 1.0], [1.0, 0.0])) if level else 0.0,
+            steered=steer,
         )
         self.control_rate_ned, self.hold = w_p, length
         self.velocity = v
@@ -182,6 +183,7 @@ class Interval:
     down: FloatArray
     yaw_rate: float
     learn: float
+    steered: bool
 
 
 @dataclass(kw_only=True)
@@ -235,6 +237,8 @@ class ReferenceTwoStage:
         """Read the gyro bias on straights and the accelerometer bias in turns."""
         g, tau = self.platform.gravity, self.platform.tau
         residual = i.u if self.feedback else i.u - self.gyro_bias
+        if not i.steered:
+            residual = residual - i.down * (i.down @ residual)
         if abs(i.yaw_rate) > self.turn_rate:
             flat = residual - i.down * (i.down @ residual)
             read = g * (flat / i.yaw_rate + tau * np.cross(i.down, i.u_level))
@@ -279,7 +283,7 @@ def run_reference(
     def close(j: int) -> None:
         nonlocal epoch_time, broken
         length = gnss_time[j] - epoch_time if epoch_time is not None else 0.0
-        usable = epoch_time is not None and not broken and length <= 10.0
+        usable = epoch_time is not None and not broken and length <= min(10.0, 2.0 * p.tau)
         started = p.velocity is not None
         interval = p.close(length, usable, velocity_ned[j], velocity_std[j])
         broken = False
@@ -309,7 +313,7 @@ def run_reference(
             estimator.step(gnss_time[last] - now, w, f)
             now = gnss_time[last]
             close(last)
-            broken = bool(gap)
+            broken = bool(gap) and now < time[i]
         estimator.step(time[i] - now, w, f)
         for at_sample in np.flatnonzero(gnss_time == time[i]):
             close(int(at_sample))

@@ -19,10 +19,18 @@ struct Excitation {
     // all-zero memory means "nothing learnt".
     S gg, ga, ag, aa;
     S gyro, accel;  // sums of phi_gyro^2 and phi_accel^2, capped: how much driving, how much turning
+    S slow_rate;    // yaw rate low-passed with tau: what a control rate that lags by tau can follow, rad/s
     S heading;      // what is left of the initial heading and vertical gyro bias, minus 1
 };
 
 constexpr double excitation_cap = 1e3;  // a float must still feel an increment
+
+// Weaving quicker than tau teaches nothing, however fast: only the slow part of the yaw rate counts.
+template <class S>
+S slow_yaw_rate(Excitation<S>& e, S yaw_rate, S length, S tau) {
+    e.slow_rate = e.slow_rate + (yaw_rate - e.slow_rate) * minimum(S(1), length / tau);
+    return e.slow_rate;
+}
 
 // One interval with the shares p = phi_gyro sqrt(T), q = phi_accel sqrt(T), and `steered` = its part of tau_g for the heading.
 // Implicit Euler, (I + phi phi^T)^-1, cannot overshoot.

@@ -56,9 +56,10 @@ struct Observer {
         }
         accel_bias = accel_bias + u * (k.platform.gravity * yaw_rate * time / k.omega_accel);
 
-        const S lag = yaw_rate * k.platform.tau;
+        const S slow = slow_yaw_rate(excitation, yaw_rate, i.length, k.platform.tau);
+        const S lag = slow * k.platform.tau;
         excite(excitation, square_root(time / k.tau_gyro),
-               yaw_rate * square_root(time / (k.omega_accel * (S(1) + lag * lag))), i.length * i.steered / k.tau_gyro);
+               slow * square_root(time / (k.omega_accel * (S(1) + lag * lag))), i.length * i.steered / k.tau_gyro);
     }
 
     uint32_t settled() const { return excitation_status(excitation); }

@@ -17,7 +17,7 @@ struct PlatformParams {
     Vec3<S> lever_arm;   // from the IMU to the antenna, body axes, m
 };
 
-constexpr double max_interval = 10.0;       // a longer time between two epochs is an outage: nothing is learnt from it, s
+constexpr double max_interval = 10.0;       // a longer time between two epochs (or than 2 tau) is an outage, s
 constexpr double align_time = 1.0;          // start-up levelling averages the specific force at least this long, s
 constexpr double max_course_std = 0.26;     // 15 deg: a course less certain than this does not steer, rad
 constexpr double standstill_speed = 0.15;   // slower than this, heading does not matter for levelling, m/s

@@ -46,7 +46,7 @@ struct Stream {
 
     // One IMU sample; false when it was dropped (out of order or not finite).
     bool imu(double t, const Vec3<S>& w, const Vec3<S>& f) {
-        if (!finite(t) || !finite(w) || !finite(f)) return drop(E_NONFINITE, finite(t) ? t : time);
+        if (!finite(t) || !finite(w) || !finite(f)) return drop(E_NONFINITE, stamp(t));
         if (!started()) {
             restart(estimator.platform, f - estimator.accel_bias);
             return take(t, w, f);
@@ -67,8 +67,9 @@ struct Stream {
         const Vec3<S> mean_gyro = (gyro + w) * S(0.5), mean_accel = (accel + f) * S(0.5);
         if (pending_time > no_time && pending_time <= t) {
             advance_to(pending_time, mean_gyro, mean_accel);
+            const bool rest = gap && pending_time < t;  // of the gap lies in the next interval
             close();
-            broken = gap;  // the rest of the gap lies in the next interval
+            broken = rest;
         }
         advance_to(t, mean_gyro, mean_accel);
         return take(t, w, f);
@@ -76,7 +77,7 @@ struct Stream {
 
     // One GNSS epoch; false when it was dropped. It may lie ahead of the last IMU sample, never behind it.
     bool gnss(double t, const Vec3<S>& velocity, S velocity_std) {
-        if (!finite(t) || !finite(velocity)) return drop(E_NONFINITE, finite(t) ? t : time);
+        if (!finite(t) || !finite(velocity)) return drop(E_NONFINITE, stamp(t));
         if (!started() || t < time || !(t > gnss_time)) return drop(W_TIME_BACK, t);
         pending_time = gnss_time = t;
         pending_velocity = velocity;
@@ -88,7 +89,8 @@ struct Stream {
     uint32_t status() const {
         const PlatformState<S>& p = estimator.platform;
         const bool aligned = p.aligned > S(0.5);
-        const bool coasting = aligned && last_length > 0 && time - epoch_time > coast_after * last_length;
+        const double since = time - epoch_time;
+        const bool coasting = aligned && last_length > 0 && (since > coast_after * last_length || since > longest());
         return settled | (aligned ? 0u : INITIALIZING) | (aligned && !(p.heading_known > S(0.5)) ? ALIGNING : 0u) |
                (coasting ? COASTING : 0u) | (p.reverse > S(0.5) ? REVERSE : 0u);
     }
@@ -98,8 +100,16 @@ struct Stream {
     }
 
   private:
+    // An interval much longer than tau says little about the attitude at its end, and the loop turns unstable.
+    double longest() const {
+        const double two_tau = 2.0 * double(params.platform.tau);
+        return two_tau < max_interval ? two_tau : max_interval;
+    }
     static bool finite(double x) { return x * 0.0 == 0.0; }
     static bool finite(const Vec3<S>& v) { return (v.x * S(0) + v.y * S(0)) + v.z * S(0) == S(0); }
+
+    // A time to note where the sample has none.
+    double stamp(double t) const { return finite(t) ? t : started() ? time : 0.0; }
 
     bool drop(EventCode code, double t) {
         note(events[code], t);
@@ -122,8 +132,8 @@ struct Stream {
         const double t = pending_time;
         const bool first = !(epoch_time > no_time);
         const double length = first ? 0.0 : t - epoch_time;
-        if (length > max_interval) note(events[S_COAST], t);
-        const bool usable = !first && !broken && length <= max_interval;
+        if (length > longest()) note(events[S_COAST], t);
+        const bool usable = !first && !broken && length <= longest();
         const Interval<S> i = estimator.epoch(params, S(length), usable, pending_velocity, pending_std);
         if (!any(i.waiting > S(0.5))) {
             epoch_time = t;

@@ -48,7 +48,9 @@ struct TwoStage {
         const S accel_step = turning * minimum(S(1), i.length / k.tau_accel_lowpass);
         // Running open, u holds the whole bias; with feedback only what is still left of it.
         const S open = k.feedback ? S(0) : S(1);
-        const Vec3<S> rest = i.control_rate_body - gyro_bias * open;
+        const Vec3<S> all = i.control_rate_body - gyro_bias * open;
+        // Without a course the vertical component of u is absent, not zero.
+        const Vec3<S> rest = all - i.down_body * (dot(i.down_body, all) * (S(1) - i.steered));
 
         // Eq. (14) as vectors: b_a = g ((u - b_g)/w_z + tau down x u). The gyro bias is taken off the first term only: then
         // the relation is exact in a steady turn also where the platform runs open (put Eq. 11 into Eq. 14 and see).
@@ -61,8 +63,10 @@ struct TwoStage {
         // Eq. (12).
         gyro_bias = gyro_bias + rest * gyro_step;
 
-        // Each low-pass learns on its own; there is no interval in which both do.
-        excite(excitation, square_root(gyro_step), square_root(accel_step), i.steered * gyro_step);
+        // Each low-pass learns on its own; there is no interval in which both do. The closed form holds in steady turns only.
+        const S slow = absolute(slow_yaw_rate(excitation, i.yaw_rate, i.length, k.platform.tau));
+        const S steady_step = select(slow > S(0.5) * k.turn_rate, accel_step, S(0));
+        excite(excitation, square_root(gyro_step), square_root(steady_step), i.steered * gyro_step);
     }
 
     uint32_t settled() const {
