@@ -15,7 +15,7 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "S_COAST": "GNSS was absent: the attitude followed the gyros alone, the biases were held.",
     "S_REVERSE": "The vehicle drove backwards: the course was turned round.",
     "W_MOSTLY_REVERSE": "The vehicle seems to drive backwards most of the time: the log begins in reverse, or the "
-    "IMU faces backwards. The heading may be the opposite and nothing is called known; begin the log with a forward drive.",
+    "IMU faces backwards. The heading may be the opposite and nothing is called known; begin with a forward drive.",
     "W_TIME_BACK": "Samples with time stamps at or before the previous one were dropped.",
     "E_NONFINITE": "Samples with NaN or infinity were dropped.",
     "W_UNSTEADY": "In the last two minutes these estimates still moved; take that as their uncertainty:",

@@ -159,6 +159,8 @@ def test_a_gap_teaches_nothing_and_a_long_one_levels_anew() -> None:
         # The epoch that closes the broken interval is at most 0.1 s after the gap: nothing is learnt by then.
         np.testing.assert_array_equal(trace.gyro_bias[before + 1], trace.gyro_bias[before])
         np.testing.assert_array_equal(trace.accel_bias[before + 1], trace.accel_bias[before])
+        after = int(np.flatnonzero(cut.time <= 170.0)[-1])
+        assert (trace.gyro_bias[after] != trace.gyro_bias[before]).all()  # and it goes on learning
         restarted = bool(trace.status[before + 1] & Status.INITIALIZING)
         assert restarted == (code == "E_GAP_RESET")
         assert not trace.status[-1] & Status.INITIALIZING
@@ -208,3 +210,50 @@ def test_an_imu_turned_over_and_over_stays_finite(kind: type[Live]) -> None:
     assert np.isfinite(stream.gyro_bias).all()
     assert np.isfinite(np.delete(stream.accel_bias, stream.vertical_axis)).all()
     np.testing.assert_allclose(stream.dcm_body_to_ned @ stream.dcm_body_to_ned.T, np.eye(3), atol=1e-12)
+
+
+def test_the_velocity_follows_the_truth_between_epochs() -> None:
+    log, truth = simulate("windrower", seed=1, duration=300.0, sensors=SensorModel(gnss_rate=1.0))
+    trace = run(Observer(), log)
+    unknown = np.isnan(trace.velocity_ned).any(axis=1)
+    np.testing.assert_array_equal(unknown, (trace.status & Status.INITIALIZING) != 0)
+    late = log.time > 100.0
+    # Over one second: 0.03 m/s of the last epoch, 0.2 m/s^2 of vertical bias unseen, 0.1 deg of tilt (0.02 m/s^2).
+    assert np.abs(trace.velocity_ned - truth.velocity_ned)[late].max() < 0.35
+
+
+def test_events_keep_their_first_and_last_time() -> None:
+    stream = Observer()
+    stream.update_imu(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    for t in (1.0, 2.0, 3.0):
+        stream.update_imu(t, (math.nan, 0.0, 0.0), (0.0, 0.0, -9.8))
+    (event,) = stream.events
+    assert (event.code, event.count, event.first_s, event.last_s) == ("E_NONFINITE", 3, 1.0, 3.0)
+    early = Observer()
+    early.update_imu(math.nan, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    assert early.events[0].first_s == 0.0
+
+
+@pytest.mark.parametrize("std", [0.03, np.float32(0.03), np.array(0.03), (0.03, 0.03, 9.0), None])
+def test_a_velocity_std_may_be_one_number_three_or_none(std: Any) -> None:
+    stream = Observer()
+    stream.update_imu(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    assert stream.update_gnss(0.0, (3.0, 0.0, 0.0), std)
+
+
+@pytest.mark.parametrize("std", ["a", (1.0, 2.0), 10**400])
+def test_any_other_std_is_an_error(std: Any) -> None:
+    stream = Observer()
+    stream.update_imu(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    with pytest.raises((TypeError, ValueError, OverflowError)):
+        stream.update_gnss(0.0, (3.0, 0.0, 0.0), std)
+
+
+def test_the_axis_nearest_to_the_vertical_is_not_claimed() -> None:
+    stream = Observer()
+    for k in range(300):  # on its right side: the reading of gravity lies on y
+        stream.update_imu(0.01 * k, (0.0, 0.0, 0.0), (0.0, 9.8, 0.0))
+        if k % 10 == 0:
+            stream.update_gnss(0.01 * k, (0.0, 0.0, 0.0))
+    assert stream.vertical_axis == 1
+    np.testing.assert_array_equal(np.isnan(stream.accel_bias), [False, True, False])
