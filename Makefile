@@ -5,16 +5,13 @@ BIN := $(VENV)/bin
 DEMO ?= levelhead-demo
 SOURCES := pyproject.toml CMakeLists.txt $(shell find src -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: demo test slow lint bench drives clean
+.PHONY: demo test lint bench drives clean
 
 demo: $(VENV)/built
 	$(BIN)/levelhead demo -o $(DEMO)
 
 test: $(VENV)/tested
-	$(BIN)/python -m pytest -m "not slow"
-
-slow: $(VENV)/tested
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest
 
 lint: $(VENV)/tested
 	$(BIN)/ruff format --check .

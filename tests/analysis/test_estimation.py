@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,8 +27,8 @@ def test_parameters_of_another_method_are_refused(log: lh.Log) -> None:
         lh.estimate(log, "observer", params=lh.TwoStageParams())
 
 
-@pytest.mark.parametrize("value", [0.0, -4.0, np.nan, np.inf])
-def test_constants_must_be_positive_numbers(value: float) -> None:
+@pytest.mark.parametrize("value", [0.0, -4.0, np.nan, np.inf, np.float32(-4.0), "4", True, None])
+def test_constants_must_be_positive_numbers(value: Any) -> None:
     with pytest.raises(lh.UsageError, match=r"tau_gyro is .* it must be a positive number"):
         lh.ObserverParams(tau_gyro=value)
     with pytest.raises(lh.UsageError, match=r"turn_rate is .* it must be a positive number"):
@@ -94,3 +95,13 @@ def test_the_log_is_left_alone(log: lh.Log) -> None:
     assert not log.gyro.flags.writeable
     corrected = log.corrected(result)
     np.testing.assert_allclose(corrected.gyro, log.gyro - result.gyro_bias, rtol=0.0, atol=1e-15)
+
+
+def test_infinite_velocities_are_left_out_and_counted(log: lh.Log) -> None:
+    assert log.velocity_ned is not None
+    velocity = log.velocity_ned.copy()
+    velocity[[100, 200], 1] = np.inf
+    velocity[300] = np.nan  # absent, not wrong
+    result = lh.estimate(replace(log, velocity_ned=velocity))
+    assert {e.code: e.count for e in result.events} == {"E_NONFINITE": 2}
+    assert np.isfinite(result.gyro_bias).all()

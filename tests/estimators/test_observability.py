@@ -104,5 +104,6 @@ def test_a_log_that_begins_in_reverse_claims_nothing(method: str) -> None:
     assert "W_MOSTLY_REVERSE" in {event.code for event in result.events}
     assert result.known_gyro == (False, False, False)
     assert result.known_accel == (False, False, False)
+    assert result.settled_at_s == {"gyro": None, "accel": None}
     forwards, _ = lh.simulate("reverse", seed=3, duration=900.0)
     assert "W_MOSTLY_REVERSE" not in {event.code for event in lh.estimate(forwards, method).events}

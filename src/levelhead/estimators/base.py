@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class Status(enum.IntFlag):
     REVERSE = 8
     """The vehicle drives backwards; the course is turned round."""
     GYRO_SETTLED = 16
-    """The driving so far has taught the gyro biases (see `levelhead.estimators.base.SETTLED_FRACTION`)."""
+    """The driving so far has taught the gyro biases to within 5 % of the initial errors."""
     ACCEL_SETTLED = 32
     """The driving so far has taught the horizontal accelerometer biases."""
     ACCEL_UNOBSERVABLE = 64
@@ -35,10 +35,6 @@ class Status(enum.IntFlag):
     """Turning at a constant rate so far: gyro and accelerometer biases cannot be told apart."""
     HEADING_SETTLED = 256
     """The course has steered the heading for three time constants: heading and vertical gyro bias are known."""
-
-
-SETTLED_FRACTION: Final = 0.05
-"""A bias counts as known once at most this fraction of the initial errors can be left: three time constants."""
 
 
 class SensorData(Protocol):

@@ -82,10 +82,12 @@ class PlatformParams:
             raise UsageError(f"lever_arm is {arm}; pass three lengths in metres, each within 50 m.")
         object.__setattr__(self, "lever_arm", tuple(float(v) for v in arm))
         for field in fields(self):
+            if not isinstance(field.default, float):
+                continue
             value = getattr(self, field.name)
-            number = isinstance(value, float | int) and not isinstance(value, bool)
-            if number and not (np.isfinite(value) and value > 0.0):
-                raise UsageError(f"{field.name} is {value}; it must be a positive number.")
+            number = isinstance(value, float | int | np.number) and not isinstance(value, bool)
+            if not (number and np.isfinite(value) and value > 0.0):
+                raise UsageError(f"{field.name} is {value!r}; it must be a positive number.")
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
@@ -177,7 +179,8 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
     stream : Observer or TwoStage
         Its state goes on from where it is.
     data : SensorData
-        The log; GNSS epochs without a velocity, or outside the span of the IMU, are left out and counted.
+        The log. Epochs outside the span of the IMU and infinite velocities are left out and counted; an epoch whose
+        velocity is absent (NaN) is none.
     progress : callable, optional
         Called with the fraction done.
 
@@ -223,6 +226,9 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
     left_out = int(first + data.gnss_time.size - last)
     if left_out:
         events += (Event(code="W_NO_EPOCHS", count=left_out),)
+    infinite = int(np.isinf(inside).any(axis=1).sum())
+    if infinite:
+        events += (Event(code="E_NONFINITE", count=infinite),)
     return Trace(
         gyro_bias=gyro_bias,
         accel_bias=accel_bias,
@@ -275,9 +281,14 @@ def finish(
     backwards = mostly_backwards(trace.status)
     if backwards:
         could_gyro = could_accel = (False, False, False)
+    known_gyro, known_accel = steady(could_gyro, gyro_moved, GYRO_BAND), steady(could_accel, accel_moved, ACCEL_BAND)
+    # What is not known in the end has not settled, whatever the flags said; the vertical has a flag of its own.
     settled = {
-        "gyro": first_settled(data.time, trace.status, Status.GYRO_SETTLED),
-        "accel": first_settled(data.time, trace.status, Status.ACCEL_SETTLED),
+        name: first_settled(data.time, trace.status, flag) if any(np.delete(known, vertical)) else None
+        for name, known, flag in (
+            ("gyro", known_gyro, Status.GYRO_SETTLED),
+            ("accel", known_accel, Status.ACCEL_SETTLED),
+        )
     }
     # Fixed gains carry no covariance: an unknown sigma is NaN, one shared row seen n times.
     no_std = np.broadcast_to(np.full(3, np.nan), (n, 3))
@@ -296,8 +307,8 @@ def finish(
         status=trace.status,
         method=method,
         params=params.as_dict(),
-        known_gyro=steady(could_gyro, gyro_moved, GYRO_BAND),
-        known_accel=steady(could_accel, accel_moved, ACCEL_BAND),
+        known_gyro=known_gyro,
+        known_accel=known_accel,
         settled_at_s=settled,
         events=trace.events + warnings + unsteady + backwards,
     )
