@@ -9,7 +9,7 @@ import pytest
 
 import levelhead as lh
 from levelhead.estimators.base import Status
-from levelhead.estimators.streaming import horizontal_std, interpolated_position
+from levelhead.estimators.streaming import interpolated_position, std_rows
 from levelhead.estimators.trust import first_settled
 
 
@@ -37,9 +37,10 @@ def test_settled_means_settled_for_good() -> None:
     assert first_settled(time, np.full(4, flag, dtype=np.uint32), Status.GYRO_SETTLED) == 0.0
 
 
-def test_one_horizontal_sigma_from_three() -> None:
-    np.testing.assert_allclose(horizontal_std(np.array([[3.0, 4.0, 99.0]]), 1), [np.sqrt(12.5)])
-    assert np.isnan(horizontal_std(None, 3)).all()
+def test_every_epoch_has_three_sigmas() -> None:
+    np.testing.assert_array_equal(std_rows(np.array([0.1, 0.2]), 2), [[0.1] * 3, [0.2] * 3])
+    np.testing.assert_array_equal(std_rows(np.array([[3.0, 4.0, 99.0]]), 1), [[3.0, 4.0, 99.0]])
+    assert np.isnan(std_rows(None, 3)).all()
 
 
 @pytest.mark.parametrize("value", [(np.nan, 0.0, 0.0), (1.0, 2.0)])

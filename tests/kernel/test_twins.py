@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from levelhead.estimators.streaming import horizontal_std
+from levelhead.estimators.streaming import std_rows
 from levelhead.kernel.reference import ReferenceTrace, run_reference
 from levelhead.logs.log import Log
 from levelhead.sim import SensorModel, simulate
@@ -32,7 +32,8 @@ def run_numpy(kit: Kit, params: Params, log: Log) -> ReferenceTrace:
     """Run the NumPy twin."""
     assert log.velocity_ned is not None
     inside = (log.gnss_time >= log.time[0]) & (log.gnss_time <= log.time[-1])
-    std = horizontal_std(log.velocity_std, log.gnss_time.size)
+    rows = std_rows(log.velocity_std, log.gnss_time.size)
+    std = np.sqrt(0.5 * (rows[:, 0] ** 2 + rows[:, 1] ** 2))
     return run_reference(
         kit.reference(params),
         log.time,

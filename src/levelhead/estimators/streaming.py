@@ -125,9 +125,12 @@ class KernelStream(Protocol):
         attitude: FloatArray,
         velocity: FloatArray,
         status: StatusArray,
+        gyro_bias_std: FloatArray,
+        accel_bias_std: FloatArray,
+        attitude_std: FloatArray,
         /,
     ) -> int:
-        """Feed samples and epochs; fill the last five arrays."""
+        """Feed samples and epochs; fill the arrays after them, the last three only where they have rows."""
         ...
 
 
@@ -140,6 +143,9 @@ class Trace:
     attitude: FloatArray
     velocity_ned: FloatArray
     status: StatusArray
+    gyro_bias_std: FloatArray
+    accel_bias_std: FloatArray
+    attitude_std: FloatArray
     events: tuple[Event, ...]
 
 
@@ -151,14 +157,13 @@ def events_of(stream: KernelStream, time_origin: float = 0.0) -> tuple[Event, ..
     )
 
 
-def horizontal_std(velocity_std: FloatArray | None, epochs: int) -> FloatArray:
-    """Return one horizontal sigma per epoch, m/s, NaN where the log has none."""
+def std_rows(velocity_std: FloatArray | None, epochs: int) -> FloatArray:
+    """Return one row (m, 3) of sigmas per epoch, m/s, NaN where the log has none."""
     if velocity_std is None:
-        return np.full(epochs, np.nan)
+        return np.full((epochs, 3), np.nan)
     if velocity_std.ndim == 1:
-        return velocity_std
-    std: FloatArray = np.sqrt(0.5 * (velocity_std[:, 0] ** 2 + velocity_std[:, 1] ** 2))
-    return std
+        return np.repeat(velocity_std[:, None], 3, axis=1)
+    return np.ascontiguousarray(velocity_std)
 
 
 def _chunks(data: SensorData, first: int, last: int) -> Iterator[tuple[slice, slice]]:
@@ -171,7 +176,7 @@ def _chunks(data: SensorData, first: int, last: int) -> Iterator[tuple[slice, sl
         done = max(done, upto)
 
 
-def run(stream: KernelStream, data: SensorData, progress: Progress | None = None) -> Trace:
+def run(stream: KernelStream, data: SensorData, progress: Progress | None = None, *, with_sigma: bool = False) -> Trace:
     """Feed a whole log to a stream, the same updates in the same order as live.
 
     Parameters
@@ -183,6 +188,8 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
         velocity is absent (NaN) is none.
     progress : callable, optional
         Called with the fraction done.
+    with_sigma : bool
+        Whether the estimator has a covariance; otherwise every sigma is NaN.
 
     Raises
     ------
@@ -200,11 +207,12 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
             f"Fewer than two GNSS velocities lie within the IMU's time span ({data.time[0]:.3f} to "
             f"{data.time[-1]:.3f} s{_gnss_span(data.gnss_time)}). Check the time offset between the two."
         )
-    std = horizontal_std(data.velocity_std, data.gnss_time.size)
+    std = std_rows(data.velocity_std, data.gnss_time.size)
     usable = np.asarray(np.isfinite(data.velocity_ned).all(axis=1))
     velocity = np.ascontiguousarray(data.velocity_ned)
     gyro_bias, accel_bias, attitude, velocity_out = (np.empty((n, 3)) for _ in range(4))
     status = np.empty(n, dtype=np.uint32)
+    sigmas = [np.empty((n if with_sigma else 0, 3)) for _ in range(3)]
     for rows, epochs in _chunks(data, first, last):
         keep = usable[epochs]
         stream.run(
@@ -219,6 +227,7 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
             attitude[rows],
             velocity_out[rows],
             status[rows],
+            *(sigma[rows] for sigma in sigmas),
         )
         if progress is not None:
             progress(rows.stop / n)
@@ -229,12 +238,18 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
     infinite = int(np.isinf(inside).any(axis=1).sum())
     if infinite:
         events += (Event(code="E_NONFINITE", count=infinite),)
+    if not with_sigma:
+        # An unknown sigma is NaN, one shared row seen n times.
+        sigmas = [np.broadcast_to(np.full(3, np.nan), (n, 3))] * 3
     return Trace(
         gyro_bias=gyro_bias,
         accel_bias=accel_bias,
         attitude=attitude,
         velocity_ned=velocity_out,
         status=status,
+        gyro_bias_std=sigmas[0],
+        accel_bias_std=sigmas[1],
+        attitude_std=sigmas[2],
         events=events,
     )
 
@@ -271,7 +286,6 @@ def finish(
     warnings: tuple[Event, ...] = (),
 ) -> Result:
     """Turn a run into a `Result`: mask what was not estimated, say what is known and since when."""
-    n = data.time.size
     vertical = stream.vertical_axis
     accel_bias = trace.accel_bias
     accel_bias[:, vertical] = np.nan
@@ -290,18 +304,16 @@ def finish(
             ("accel", known_accel, Status.ACCEL_SETTLED),
         )
     }
-    # Fixed gains carry no covariance: an unknown sigma is NaN, one shared row seen n times.
-    no_std = np.broadcast_to(np.full(3, np.nan), (n, 3))
     return Result(
         time=data.time,
         gyro_bias=trace.gyro_bias,
         accel_bias=accel_bias,
-        gyro_bias_std=no_std,
-        accel_bias_std=no_std,
+        gyro_bias_std=trace.gyro_bias_std,
+        accel_bias_std=trace.accel_bias_std,
         roll=trace.attitude[:, 0],
         pitch=trace.attitude[:, 1],
         heading=trace.attitude[:, 2],
-        attitude_std=no_std,
+        attitude_std=trace.attitude_std,
         velocity_ned=trace.velocity_ned,
         position_llh=interpolated_position(data),
         status=trace.status,

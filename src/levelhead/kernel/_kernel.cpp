@@ -5,6 +5,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#include <type_traits>
+
 #include "levelhead/levelhead.hpp"
 
 namespace nb = nanobind;
@@ -69,19 +71,17 @@ Vec3<S> row(const double* p) {
     return {S(p[0]), S(p[1]), S(p[2])};
 }
 
-// One horizontal sigma from None, a number, or three numbers; NaN where unknown.
+// Three sigmas from None, a number, or three numbers; NaN where unknown.
 template <class S>
-S horizontal_std(nb::handle object) {
-    if (object.is_none()) return S(NAN);
+Vec3<S> std3(nb::handle object) {
+    if (object.is_none()) return {S(NAN), S(NAN), S(NAN)};
     if (PyNumber_Check(object.ptr()) && (!PySequence_Check(object.ptr()) || PySequence_Size(object.ptr()) < 0)) {
         PyErr_Clear();  // an array of no dimensions has no length but is a number
         const double value = PyFloat_AsDouble(object.ptr());
         if (value == -1.0 && PyErr_Occurred()) throw nb::python_error();
-        return S(value);
+        return {S(value), S(value), S(value)};
     }
-    double v[3];
-    read3(object, "velocity_std", v);
-    return S(sqrt(0.5 * (v[0] * v[0] + v[1] * v[1])));
+    return vec3<S>(object, "velocity_std");
 }
 
 template <class S>
@@ -97,7 +97,7 @@ struct BlobHeader {
     uint32_t format, estimator, scalar_bytes, payload_bytes, byte_order;
 };
 
-constexpr uint32_t blob_format = 1;
+constexpr uint32_t blob_format = 2;
 
 uint64_t checksum(const unsigned char* bytes, size_t count) {
     uint64_t h = 1469598103934665603ull;  // FNV-1a
@@ -160,6 +160,7 @@ int vertical_axis(const Stream& s) {
 template <class Stream>
 Vec3<double> shown_accel_bias(const Stream& s) {
     const auto& b = s.estimator.accel_bias;
+    if constexpr (std::remove_reference_t<decltype(s.estimator)>::vertical_accel_bias) return {double(b.x), double(b.y), double(b.z)};
     const int hidden = vertical_axis(s);
     return {hidden == 0 ? NAN : double(b.x), hidden == 1 ? NAN : double(b.y), hidden == 2 ? NAN : double(b.z)};
 }
@@ -191,6 +192,7 @@ Vec3<double> shown_velocity(const Stream& s) {
 struct Outputs {
     double *gyro_bias, *accel_bias, *attitude, *velocity;
     uint32_t* status;
+    double *gyro_bias_std, *accel_bias_std, *attitude_std;  // null where the estimator has no covariance
 };
 
 template <class S>
@@ -208,32 +210,42 @@ void show(const Stream& s, const Outputs& out, size_t i) {
     put(out.attitude, i, Vec3<double>{a.roll, a.pitch, a.heading});
     put(out.velocity, i, shown_velocity(s));
     out.status[i] = s.status();
+    if (out.gyro_bias_std) {
+        const auto sigma = s.estimator.sigma();
+        put(out.gyro_bias_std, i, sigma.gyro_bias);
+        put(out.accel_bias_std, i, sigma.accel_bias);
+        put(out.attitude_std, i, sigma.attitude);
+    }
 }
 
 // Feed samples and epochs in time order, an epoch after the sample of the same stamp. Returns the epochs used up.
 template <class Stream>
 size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time, const Rows& velocity,
-           const Vector& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out, RowsOut velocity_out,
-           StatusOut status) {
+           const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out, RowsOut velocity_out,
+           StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
     using S = typename Stream::S;
     const size_t n = time.shape(0), m = gnss_time.shape(0);
     if (gyro.shape(0) != n || accel.shape(0) != n || gyro_bias.shape(0) != n || accel_bias.shape(0) != n ||
         attitude_out.shape(0) != n || velocity_out.shape(0) != n || status.shape(0) != n || velocity.shape(0) != m ||
         velocity_std.shape(0) != m)
         throw nb::value_error("The arrays of one run differ in length.");
-    const Outputs out = {gyro_bias.data(), accel_bias.data(), attitude_out.data(), velocity_out.data(), status.data()};
+    const bool with_sigma = gyro_bias_std.shape(0) > 0;
+    if (with_sigma && (gyro_bias_std.shape(0) != n || accel_bias_std.shape(0) != n || attitude_std.shape(0) != n))
+        throw nb::value_error("The arrays of one run differ in length.");
+    const Outputs out = {gyro_bias.data(), accel_bias.data(), attitude_out.data(), velocity_out.data(), status.data(),
+                         with_sigma ? gyro_bias_std.data() : nullptr, accel_bias_std.data(), attitude_std.data()};
     const double *t = time.data(), *w = gyro.data(), *f = accel.data(), *tg = gnss_time.data(), *v = velocity.data(),
                  *sd = velocity_std.data();
     nb::gil_scoped_release unlocked;
     size_t j = 0;
     for (size_t i = 0; i < n; ++i) {
         while (j < m && tg[j] < t[i]) {
-            s.gnss(tg[j], row<S>(v + 3 * j), S(sd[j]));
+            s.gnss(tg[j], row<S>(v + 3 * j), row<S>(sd + 3 * j));
             ++j;
         }
         s.imu(t[i], row<S>(w + 3 * i), row<S>(f + 3 * i));
         while (j < m && tg[j] == t[i]) {
-            s.gnss(tg[j], row<S>(v + 3 * j), S(sd[j]));
+            s.gnss(tg[j], row<S>(v + 3 * j), row<S>(sd + 3 * j));
             ++j;
         }
         show(s, out, i);
@@ -262,7 +274,7 @@ nb::class_<Stream<Estimator>> bind_stream(nb::module_& m, const char* name, uint
         "Take one IMU sample: stamp (s), angular rate (rad/s) and specific force (m/s^2), body FRD.\n\n"
         "Returns False where the sample was dropped: its stamp does not advance, or it is not finite.");
     c.def("update_gnss", [](St& s, double t, nb::handle velocity, nb::handle std) {
-        return s.gnss(t, vec3<S>(velocity, "velocity_ned"), horizontal_std<S>(std));
+        return s.gnss(t, vec3<S>(velocity, "velocity_ned"), std3<S>(std));
     }, "t"_a, "velocity_ned"_a, "velocity_std"_a = nb::none(),
         "Take one GNSS epoch: stamp on the IMU's clock (s), velocity (m/s, NED), its sigma (m/s: one number, three, or None).\n\n"
         "The epoch may lie ahead of the last IMU sample, never behind it. Returns False where it was dropped.");
@@ -287,16 +299,27 @@ nb::class_<Stream<Estimator>> bind_stream(nb::module_& m, const char* name, uint
                                   double(c.y.z), double(c.z.x), double(c.z.y), double(c.z.z)};
         return nb::cast(nb::ndarray<nb::numpy, const double, nb::shape<3, 3>>(values), nb::rv_policy::copy);
     }, "Attitude (3, 3): the platform's body-to-NED matrix.");
-    c.def_prop_ro("residual", [](const St& s) {
+    c.def_prop_ro("sigma", [](const St& s) {
+        const auto sigma = s.estimator.sigma();
+        return nb::make_tuple(array3(sigma.gyro_bias), array3(sigma.accel_bias), array3(sigma.attitude));
+    }, "One sigma (3,) of the gyro bias (rad/s), the accelerometer bias (m/s^2), and roll, pitch, heading (rad); NaN: unknown.");
+    return c;
+}
+
+// What the fixed-gain estimators show besides.
+template <class Estimator>
+void bind_residual(nb::class_<Stream<Estimator>>& c) {
+    c.def_prop_ro("residual", [](const Stream<Estimator>& s) {
         const auto r = residual_squared(s.estimator.excitation);
         return nb::make_tuple(sqrt(double(r.gyro)), sqrt(double(r.accel)), sqrt(double(r.heading)));
     }, "Fraction of the initial (gyro, accel, heading) errors that can be left in the averaged loop.");
-    return c;
 }
 
 template <class S>
 void bind_observer(nb::module_& m, const char* name) {
-    bind_stream<Observer<S>>(m, name, 1).def(
+    auto c = bind_stream<Observer<S>>(m, name, 1);
+    bind_residual(c);
+    c.def(
         "__init__",
         [](Stream<Observer<S>>* self, double tau, double tau_heading, double min_course_speed, double gravity, nb::handle lever_arm,
            double tau_gyro, double omega_accel, bool paper_gain, nb::handle gyro_bias, nb::handle accel_bias) {
@@ -311,7 +334,9 @@ void bind_observer(nb::module_& m, const char* name) {
 
 template <class S>
 void bind_two_stage(nb::module_& m, const char* name) {
-    bind_stream<TwoStage<S>>(m, name, 2).def(
+    auto c = bind_stream<TwoStage<S>>(m, name, 2);
+    bind_residual(c);
+    c.def(
         "__init__",
         [](Stream<TwoStage<S>>* self, double tau, double tau_heading, double min_course_speed, double gravity, nb::handle lever_arm,
            double tau_gyro_lowpass, double tau_accel_lowpass, double straight_rate, double turn_rate, bool feedback,

@@ -26,6 +26,9 @@ class _Stream:
         attitude: FloatArray,
         velocity: FloatArray,
         status: StatusArray,
+        gyro_bias_std: FloatArray,
+        accel_bias_std: FloatArray,
+        attitude_std: FloatArray,
         /,
     ) -> int: ...
     def save(self) -> bytes: ...
@@ -52,9 +55,13 @@ class _Stream:
     @property
     def dcm_body_to_ned(self) -> FloatArray: ...
     @property
+    def sigma(self) -> tuple[FloatArray, FloatArray, FloatArray]: ...
+
+class _FixedGain(_Stream):
+    @property
     def residual(self) -> tuple[float, float, float]: ...
 
-class _Observer(_Stream):
+class _Observer(_FixedGain):
     def __new__(cls, *args: object, **kwargs: object) -> Self: ...
     def __init__(
         self,
@@ -72,7 +79,7 @@ class _Observer(_Stream):
         accel_bias: _Vector = ...,
     ) -> None: ...
 
-class _TwoStage(_Stream):
+class _TwoStage(_FixedGain):
     def __new__(cls, *args: object, **kwargs: object) -> Self: ...
     def __init__(
         self,

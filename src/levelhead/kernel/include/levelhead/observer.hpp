@@ -2,8 +2,7 @@
 #ifndef LEVELHEAD_OBSERVER_HPP
 #define LEVELHEAD_OBSERVER_HPP
 
-#include "excitation.hpp"
-#include "platform.hpp"
+#include "fixed_gain.hpp"
 
 namespace levelhead {
 
@@ -18,13 +17,14 @@ struct ObserverParams {
 constexpr double max_gain_rate = 2.0;  // |w_z| in the accelerometer bias gain is clamped to this, rad/s
 
 template <class S>
-struct Observer {
+struct Observer : FixedGain<S> {
     using Scalar = S;
     using Params = ObserverParams<S>;
 
-    PlatformState<S> platform;
-    Vec3<S> gyro_bias, accel_bias;
-    Excitation<S> excitation;
+    using FixedGain<S>::platform;
+    using FixedGain<S>::gyro_bias;
+    using FixedGain<S>::accel_bias;
+    using FixedGain<S>::excitation;
 
     LEVELHEAD_HOT void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
         const Vec3<S> body_z = {S(0), S(0), S(1)};
@@ -32,8 +32,8 @@ struct Observer {
         advance(platform, dt, gyro - gyro_bias, accel - accel_bias, vertical);
     }
 
-    Interval<S> epoch(const Params& k, S length, bool usable, const Vec3<S>& velocity, S velocity_std) {
-        const Interval<S> i = close_interval(platform, k.platform, length, usable, velocity, velocity_std);
+    Interval<S> epoch(const Params& k, const Fix<S>& fix) {
+        const Interval<S> i = close_interval(platform, k.platform, fix);
         learn(k, i);
         return i;
     }

@@ -118,53 +118,97 @@ S course_innovation(PlatformState<S>& p, Mask moving, S course) {
     return select(p.reverse > S(0.5), wrap_angle(raw - S(pi)), raw);
 }
 
-// Close the interval that ends with this GNSS velocity (Eq. 3 on increments) and set w_p for the next one.
-// `length` is the time since the epoch before, `usable` is false where it must not be used (first epoch, gap).
+// A GNSS epoch as the estimators see it: `length` is the time since the epoch before, `usable` is false where the interval
+// between them must not be used (first epoch, gap, outage). A NaN in `std` is an unknown sigma.
 template <class S>
-Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, S length, bool usable, const Vec3<S>& velocity,
-                           S velocity_std) {
-    const Vec3<S> v = velocity - p.dcm_body_to_ned * cross(p.angular_rate, k.lever_arm);
-    const S speed2 = v.x * v.x + v.y * v.y;
+struct Fix {
+    S length;
+    bool usable;
+    Vec3<S> velocity, std;  // of the antenna, NED, m/s
+};
+
+// The mean horizontal sigma of a fix, m/s.
+template <class S>
+S horizontal_std(const Vec3<S>& std) { return square_root(S(0.5) * (std.x * std.x + std.y * std.y)); }
+
+// What a fix says, seen from the platform that it meets; masks were true before the fix did anything.
+template <class S>
+struct Sighting {
+    Vec3<S> velocity;    // of the IMU's place, m/s
+    S speed2, course;    // m^2/s^2, rad
+    S rate;              // one over the length, 1/s
+    Vec3<S> gnss_force;  // GNSS acceleration less gravity over the interval, m/s^2
+    decltype(S(0) < S(0)) closed, was_aligned, knew_heading, trusted, at_rest, aligned_now, turned_now, waiting;
+};
+
+// Look at a fix; at start-up wait until the interval is long enough and level the platform, later set the heading with the
+// first course.
+template <class S>
+Sighting<S> sight(PlatformState<S>& p, const PlatformParams<S>& k, const Fix<S>& fix) {
+    Sighting<S> e;
+    const Vec3<S> v = fix.velocity - p.dcm_body_to_ned * cross(p.angular_rate, k.lever_arm);
     const S speed2_before = p.velocity_ned.x * p.velocity_ned.x + p.velocity_ned.y * p.velocity_ned.y;
-    const S course = arc_tangent(v.y, v.x);
+    const S std = horizontal_std(fix.std);
+    e.velocity = v;
+    e.speed2 = v.x * v.x + v.y * v.y;
+    e.course = arc_tangent(v.y, v.x);
     // An unknown std (NaN) compares false and lets the speed decide alone.
-    const auto trusted = (speed2 > k.min_course_speed * k.min_course_speed) &
-                         !(velocity_std * velocity_std > S(max_course_std * max_course_std) * speed2);
-    const S rate = S(1) / maximum(length, S(1e-6));
+    e.trusted = (e.speed2 > k.min_course_speed * k.min_course_speed) &
+                !(std * std > S(max_course_std * max_course_std) * e.speed2);
+    e.rate = S(1) / maximum(fix.length, S(1e-6));
     const Vec3<S> gravity = {S(0), S(0), k.gravity};
-    const Vec3<S> gnss_force = (v - p.velocity_ned) * rate - gravity;
-    const auto closed = (p.have_velocity > S(0.5)) & usable;
-    const auto was_aligned = p.aligned > S(0.5);
-    const auto knew_heading = p.heading_known > S(0.5);
+    e.gnss_force = (v - p.velocity_ned) * e.rate - gravity;
+    e.closed = (p.have_velocity > S(0.5)) & fix.usable;
+    e.was_aligned = p.aligned > S(0.5);
+    e.knew_heading = p.heading_known > S(0.5);
+    const S rest2 = S(standstill_speed * standstill_speed);
+    e.at_rest = (e.speed2 < rest2) & (speed2_before < rest2);
+
+    const auto long_enough = fix.length >= S(align_time) * S(0.999);
+    e.aligned_now = e.closed & !e.was_aligned & long_enough;
+    e.turned_now = e.was_aligned & !e.knew_heading & e.trusted;
+    e.waiting = e.closed & !e.was_aligned & !long_enough;
+    if (any(e.aligned_now)) {
+        PlatformState<S> q = p;
+        align(q, e.trusted, e.course, e.gnss_force, e.rate);
+        p.dcm_body_to_ned = select(e.aligned_now, q.dcm_body_to_ned, p.dcm_body_to_ned);
+        p.aligned = select(e.aligned_now, S(1), p.aligned);
+        p.heading_known = select(e.aligned_now & e.trusted, S(1), p.heading_known);
+    }
+    if (any(e.turned_now)) {
+        const S angle = select(e.turned_now, wrap_angle(e.course - heading(p.dcm_body_to_ned)), S(0));
+        p.dcm_body_to_ned = turned_about_vertical(p.dcm_body_to_ned, angle);
+        p.heading_known = select(e.turned_now, S(1), p.heading_known);
+    }
+    return e;
+}
+
+// Begin the next interval at this velocity; while start-up is still waiting, the present one goes on from its first epoch.
+template <class S>
+void begin_interval(PlatformState<S>& p, const Sighting<S>& e, const Vec3<S>& velocity) {
+    const Vec3<S> zero = {S(0), S(0), S(0)};
+    p.velocity_ned = select(e.waiting, p.velocity_ned, velocity);
+    p.dcm_at_epoch = select(e.waiting, p.dcm_at_epoch, p.dcm_body_to_ned);
+    p.delta_velocity = select(e.waiting, p.delta_velocity, zero);
+    p.turn = select(e.waiting, p.turn, S(0));
+    p.have_velocity = S(1);
+}
+
+// Close the interval that ends with this fix (Eq. 3 on increments) and set w_p for the next one.
+template <class S>
+Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, const Fix<S>& fix) {
+    const S length = fix.length;
+    const Sighting<S> e = sight(p, k, fix);
     Interval<S> out{};
 
-    // Start-up: wait until the interval is long enough, then level; later, set the heading with the first course.
-    const auto align_now = closed & !was_aligned & (length >= S(align_time) * S(0.999));
-    const auto turn_now = was_aligned & !knew_heading & trusted;
-    const auto waiting = closed & !was_aligned & !(length >= S(align_time) * S(0.999));
-    if (any(align_now)) {
-        PlatformState<S> q = p;
-        align(q, trusted, course, gnss_force, rate);
-        p.dcm_body_to_ned = select(align_now, q.dcm_body_to_ned, p.dcm_body_to_ned);
-        p.aligned = select(align_now, S(1), p.aligned);
-        p.heading_known = select(align_now & trusted, S(1), p.heading_known);
-    }
-    if (any(turn_now)) {
-        const S angle = select(turn_now, wrap_angle(course - heading(p.dcm_body_to_ned)), S(0));
-        p.dcm_body_to_ned = turned_about_vertical(p.dcm_body_to_ned, angle);
-        p.heading_known = select(turn_now, S(1), p.heading_known);
-    }
-
     // Running: w_p = -k x (f_gnss - f_p), k = (0, 0, -1/(g tau)); a correction never exceeds what was measured (T <= tau).
-    const Vec3<S> d = gnss_force - p.delta_velocity * rate;
-    const S gain = minimum(S(1) / k.tau, rate) / k.gravity;
-    const S rest2 = S(standstill_speed * standstill_speed);
-    const auto at_rest = (speed2 < rest2) & (speed2_before < rest2);
-    const auto level = closed & was_aligned & (knew_heading | at_rest);
-    const auto steer = closed & was_aligned & knew_heading & trusted;
+    const Vec3<S> d = e.gnss_force - p.delta_velocity * e.rate;
+    const S gain = minimum(S(1) / k.tau, e.rate) / k.gravity;
+    const auto level = e.closed & e.was_aligned & (e.knew_heading | e.at_rest);
+    const auto steer = e.closed & e.was_aligned & e.knew_heading & e.trusted;
     const S level_gain = select(level, gain, S(0));
-    const S innovation = course_innovation(p, steer, course);
-    const S steer_gain = select(steer, minimum(S(1) / k.tau_heading, rate), S(0));
+    const S innovation = course_innovation(p, steer, e.course);
+    const S steer_gain = select(steer, minimum(S(1) / k.tau_heading, e.rate), S(0));
     const Vec3<S> w_level = {-d.y * level_gain, d.x * level_gain, S(0)};
     const Vec3<S> w_p = {w_level.x, w_level.y, -innovation * steer_gain};
     p.control_rate_ned = w_p;
@@ -178,19 +222,12 @@ Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, S le
     out.control_rate_body_level = transposed_times(mean, w_level);
     out.control_rate_body = transposed_times(mean, w_p);
     out.down_body = mean.z;
-    out.yaw_rate = p.turn * rate;
+    out.yaw_rate = p.turn * e.rate;
     const S trust = (S(no_turn) - absolute(p.turn)) * S(1.0 / (no_turn - full_turn));
     out.learn = select(level, clamp(trust, S(0), S(1)), S(0));
     out.steered = select(steer, S(1), S(0));
-    out.waiting = select(waiting, S(1), S(0));
-
-    // While start-up is still waiting, the interval goes on from its first epoch.
-    const Vec3<S> zero = {S(0), S(0), S(0)};
-    p.velocity_ned = select(waiting, p.velocity_ned, v);
-    p.dcm_at_epoch = select(waiting, p.dcm_at_epoch, p.dcm_body_to_ned);
-    p.delta_velocity = select(waiting, p.delta_velocity, zero);
-    p.turn = select(waiting, p.turn, S(0));
-    p.have_velocity = S(1);
+    out.waiting = select(e.waiting, S(1), S(0));
+    begin_interval(p, e, e.velocity);
     return out;
 }
 
@@ -199,6 +236,12 @@ template <class S>
 Vec3<S> current_velocity(const PlatformState<S>& p, S gravity, S since_epoch) {
     return p.velocity_ned + p.delta_velocity + Vec3<S>{S(0), S(0), gravity * since_epoch};
 }
+
+// One sigma of what an estimator shows; NaN where it does not know it.
+template <class S>
+struct Sigma {
+    Vec3<S> gyro_bias, accel_bias, attitude;  // body axes; body axes; roll, pitch, heading
+};
 
 }  // namespace levelhead
 

@@ -26,8 +26,7 @@ struct Stream {
     double advanced_to;   // the estimator's state belongs to this time
     double last_length;   // of the last closed interval
     Vec3<S> gyro, accel;  // the last sample
-    Vec3<S> pending_velocity;
-    S pending_std;
+    Vec3<S> pending_velocity, pending_std;
     uint32_t broken;      // an IMU gap lies in the current interval
     uint32_t settled;     // status bits that only change at epochs
     EventCounter events[EVENT_COUNT];
@@ -37,6 +36,7 @@ struct Stream {
         s.params = params;
         s.estimator.gyro_bias = gyro_bias;
         s.estimator.accel_bias = accel_bias;
+        s.estimator.begin(params);
         s.time = s.epoch_time = s.gnss_time = s.pending_time = s.advanced_to = no_time;
         s.settled = s.estimator.settled();
         return s;
@@ -48,13 +48,13 @@ struct Stream {
     bool imu(double t, const Vec3<S>& w, const Vec3<S>& f) {
         if (!finite(t) || !finite(w) || !finite(f)) return drop(E_NONFINITE, stamp(t));
         if (!started()) {
-            restart(estimator.platform, f - estimator.accel_bias);
+            estimator.restart(params, f - estimator.accel_bias);
             return take(t, w, f);
         }
         if (!(t > time)) return drop(W_TIME_BACK, t);
         if (t - time > reset_gap) {
             note(events[E_GAP_RESET], t);
-            restart(estimator.platform, f - estimator.accel_bias);
+            estimator.restart(params, f - estimator.accel_bias);
             epoch_time = pending_time = no_time;
             broken = 0;
             return take(t, w, f);
@@ -63,6 +63,7 @@ struct Stream {
         if (gap) {
             note(events[W_GAP], t);
             broken = 1;
+            estimator.bridged(S(t - time), w - gyro, f - accel);
         }
         const Vec3<S> mean_gyro = (gyro + w) * S(0.5), mean_accel = (accel + f) * S(0.5);
         if (pending_time > no_time && pending_time <= t) {
@@ -76,7 +77,7 @@ struct Stream {
     }
 
     // One GNSS epoch; false when it was dropped. It may lie ahead of the last IMU sample, never behind it.
-    bool gnss(double t, const Vec3<S>& velocity, S velocity_std) {
+    bool gnss(double t, const Vec3<S>& velocity, const Vec3<S>& velocity_std) {
         if (!finite(t) || !finite(velocity)) return drop(E_NONFINITE, stamp(t));
         if (!started() || t < time || !(t > gnss_time)) return drop(W_TIME_BACK, t);
         pending_time = gnss_time = t;
@@ -85,6 +86,8 @@ struct Stream {
         if (t == time) close();
         return true;
     }
+
+    bool gnss(double t, const Vec3<S>& velocity, S velocity_std) { return gnss(t, velocity, {velocity_std, velocity_std, velocity_std}); }
 
     uint32_t status() const {
         const PlatformState<S>& p = estimator.platform;
@@ -96,15 +99,11 @@ struct Stream {
     }
 
     Vec3<S> velocity_ned() const {
-        return current_velocity(estimator.platform, params.platform.gravity, S(time - epoch_time));
+        return estimator.velocity(params, S(time - epoch_time));
     }
 
   private:
-    // An interval much longer than tau says little about the attitude at its end, and the loop turns unstable.
-    double longest() const {
-        const double two_tau = 2.0 * double(params.platform.tau);
-        return two_tau < max_interval ? two_tau : max_interval;
-    }
+    double longest() const { return Estimator::longest(params); }
     static bool finite(double x) { return x * 0.0 == 0.0; }
     static bool finite(const Vec3<S>& v) { return (v.x * S(0) + v.y * S(0)) + v.z * S(0) == S(0); }
 
@@ -126,6 +125,7 @@ struct Stream {
     void advance_to(double t, const Vec3<S>& w, const Vec3<S>& f) {
         if (t > advanced_to) estimator.step(params, S(t - advanced_to), w, f);
         advanced_to = t;
+        estimator.tick(params);
     }
 
     void close() {
@@ -134,7 +134,7 @@ struct Stream {
         const double length = first ? 0.0 : t - epoch_time;
         if (length > longest()) note(events[S_COAST], t);
         const bool usable = !first && !broken && length <= longest();
-        const Interval<S> i = estimator.epoch(params, S(length), usable, pending_velocity, pending_std);
+        const Interval<S> i = estimator.epoch(params, {S(length), usable, pending_velocity, pending_std});
         if (!any(i.waiting > S(0.5))) {
             epoch_time = t;
             last_length = length;

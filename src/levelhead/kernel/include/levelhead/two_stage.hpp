@@ -3,8 +3,7 @@
 #ifndef LEVELHEAD_TWO_STAGE_HPP
 #define LEVELHEAD_TWO_STAGE_HPP
 
-#include "excitation.hpp"
-#include "platform.hpp"
+#include "fixed_gain.hpp"
 
 namespace levelhead {
 
@@ -19,13 +18,14 @@ struct TwoStageParams {
 };
 
 template <class S>
-struct TwoStage {
+struct TwoStage : FixedGain<S> {
     using Scalar = S;
     using Params = TwoStageParams<S>;
 
-    PlatformState<S> platform;
-    Vec3<S> gyro_bias, accel_bias;
-    Excitation<S> excitation;
+    using FixedGain<S>::platform;
+    using FixedGain<S>::gyro_bias;
+    using FixedGain<S>::accel_bias;
+    using FixedGain<S>::excitation;
 
     LEVELHEAD_HOT void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
         const Vec3<S> none = {S(0), S(0), S(0)};
@@ -34,8 +34,8 @@ struct TwoStage {
         advance(platform, dt, w, f, platform.dcm_body_to_ned.z);
     }
 
-    Interval<S> epoch(const Params& k, S length, bool usable, const Vec3<S>& velocity, S velocity_std) {
-        const Interval<S> i = close_interval(platform, k.platform, length, usable, velocity, velocity_std);
+    Interval<S> epoch(const Params& k, const Fix<S>& fix) {
+        const Interval<S> i = close_interval(platform, k.platform, fix);
         learn(k, i);
         return i;
     }
