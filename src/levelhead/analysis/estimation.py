@@ -7,7 +7,8 @@ from dataclasses import replace
 from levelhead.errors import UsageError
 from levelhead.estimators import METHODS
 from levelhead.estimators.base import Result
-from levelhead.estimators.streaming import Initial, PlatformParams, Progress
+from levelhead.estimators.params import Initial, MethodParams
+from levelhead.estimators.streaming import Progress
 from levelhead.events import merge_events
 from levelhead.logs.derive import velocity_from_position
 from levelhead.logs.log import Log
@@ -19,7 +20,7 @@ def estimate(
     log: Log,
     method: str = DEFAULT_METHOD,
     *,
-    params: PlatformParams | None = None,
+    params: MethodParams | None = None,
     initial: Initial | None = None,
     lever_arm: tuple[float, float, float] | None = None,
     progress: Progress | None = None,

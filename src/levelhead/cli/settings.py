@@ -9,10 +9,10 @@ from pathlib import Path
 
 from levelhead.errors import UsageError
 from levelhead.estimators import METHODS
-from levelhead.estimators.streaming import PlatformParams
+from levelhead.estimators.params import MethodParams
 
 
-def load_params(method: str, path: Path | None) -> PlatformParams:
+def load_params(method: str, path: Path | None) -> MethodParams:
     """Return a method's parameters, from a file where one is given.
 
     The file holds the parameters by name, at the top or in a table named after the method; angles may be given in
@@ -48,7 +48,7 @@ def load_params(method: str, path: Path | None) -> PlatformParams:
     return _build(kind, values, path)
 
 
-def _build(kind: type[PlatformParams], values: dict[str, object], path: Path) -> PlatformParams:
+def _build(kind: type[MethodParams], values: dict[str, object], path: Path) -> MethodParams:
     defaults = kind()
     for name, value in values.items():
         wanted = getattr(defaults, name)
@@ -56,5 +56,5 @@ def _build(kind: type[PlatformParams], values: dict[str, object], path: Path) ->
         if not number and type(value) is not type(wanted):
             raise UsageError(f"{name} in {path} is {value!r}; pass a {type(wanted).__name__}.")
     object_values = {field.name: values.get(field.name, getattr(defaults, field.name)) for field in fields(kind)}
-    made: PlatformParams = kind.from_dict(object_values)
+    made: MethodParams = kind.from_dict(object_values)
     return made

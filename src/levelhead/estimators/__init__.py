@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from levelhead.estimators.base import Result
 from levelhead.estimators.observer import ObserverParams, estimate_observer
-from levelhead.estimators.streaming import PlatformParams
+from levelhead.estimators.params import MethodParams
 from levelhead.estimators.two_stage import TwoStageParams, estimate_two_stage
 
 
@@ -15,7 +15,7 @@ from levelhead.estimators.two_stage import TwoStageParams, estimate_two_stage
 class Method:
     """A method's parameters and the function that runs it over a whole log."""
 
-    params: type[PlatformParams]
+    params: type[MethodParams]
     run: Callable[..., Result]
 
 

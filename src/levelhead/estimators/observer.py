@@ -8,7 +8,8 @@ from typing import Any, Literal, Self
 
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
-from levelhead.estimators.streaming import Initial, PlatformParams, Progress, events_of, finish, run
+from levelhead.estimators.params import Initial, PlatformParams
+from levelhead.estimators.streaming import Progress, events_of, finish, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import ObserverF64
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any, Final, Protocol, Self
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final, Protocol
 
 import numpy as np
 
-from levelhead.conventions import GRAVITY, FloatArray, StatusArray
-from levelhead.errors import LogError, UsageError
+from levelhead.conventions import FloatArray, StatusArray
+from levelhead.errors import LogError
 from levelhead.estimators.base import Result, SensorData, Status
+from levelhead.estimators.params import MethodParams
 from levelhead.estimators.trust import (
     ACCEL_BAND,
     GYRO_BAND,
@@ -23,80 +24,10 @@ from levelhead.estimators.trust import (
 )
 from levelhead.events import Event
 
-Triple = tuple[float, float, float]
 Progress = Callable[[float], None]
 
 CHUNK: Final = 50_000
 """Samples fed to the kernel between two reports of progress."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Initial:
-    """What is known before the first sample.
-
-    Attributes
-    ----------
-    gyro_bias, accel_bias : (3,)
-        Biases to start from, rad/s and m/s^2, body frame.
-    """
-
-    gyro_bias: Triple = (0.0, 0.0, 0.0)
-    accel_bias: Triple = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        for name in ("gyro_bias", "accel_bias"):
-            value = getattr(self, name)
-            if len(value) != 3 or not np.all(np.isfinite(value)):
-                raise UsageError(f"{name} of Initial is {value}; pass three finite numbers.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlatformParams:
-    """Constants of the virtual platform, common to both papers' estimators.
-
-    Attributes
-    ----------
-    tau : float
-        Attitude correction time constant, s. Shorter follows GNSS acceleration closer and lets more of its noise into
-        roll and pitch; longer trusts the gyros.
-    tau_heading : float
-        Time constant with which the GNSS course steers the heading, s. Shorter lets more course noise (velocity noise
-        over speed) into the heading and the vertical gyro bias.
-    min_course_speed : float
-        Below this horizontal speed the course is not used, m/s.
-    gravity : float
-        Local gravity, m/s^2.
-    lever_arm : (3,)
-        From the IMU to the GNSS antenna, body axes, m.
-    """
-
-    tau: float = 4.0
-    tau_heading: float = 4.0
-    min_course_speed: float = 1.0
-    gravity: float = GRAVITY
-    lever_arm: Triple = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        arm = self.lever_arm
-        if len(arm) != 3 or not np.all(np.isfinite(arm)) or np.abs(arm).max() > 50.0:
-            raise UsageError(f"lever_arm is {arm}; pass three lengths in metres, each within 50 m.")
-        object.__setattr__(self, "lever_arm", tuple(float(v) for v in arm))
-        for field in fields(self):
-            if not isinstance(field.default, float):
-                continue
-            value = getattr(self, field.name)
-            number = isinstance(value, float | int | np.number) and not isinstance(value, bool)
-            if not (number and np.isfinite(value) and value > 0.0):
-                raise UsageError(f"{field.name} is {value!r}; it must be a positive number.")
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Return the parameters with these values; an unknown name raises TypeError."""
-        return cls(**values)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the constants by name, for summaries and reports."""
-        return asdict(self)
 
 
 class KernelStream(Protocol):
@@ -282,7 +213,7 @@ def finish(
     stream: KernelStream,
     *,
     method: str,
-    params: PlatformParams,
+    params: MethodParams,
     warnings: tuple[Event, ...] = (),
 ) -> Result:
     """Turn a run into a `Result`: mask what was not estimated, say what is known and since when."""
