@@ -21,6 +21,7 @@ from levelhead.errors import LevelheadError, LogError, OutputError, UsageError
 from levelhead.estimators.base import Result, Status
 from levelhead.estimators.observer import Observer, ObserverParams
 from levelhead.estimators.params import Initial
+from levelhead.estimators.phasor import Phasor, PhasorParams
 from levelhead.estimators.two_stage import TwoStage, TwoStageParams
 from levelhead.events import Event
 from levelhead.kernel import get_include
@@ -38,6 +39,8 @@ __all__ = [
     "LogError",
     "Observer",
     "ObserverParams",
+    "Phasor",
+    "PhasorParams",
     "OutputError",
     "Result",
     "SensorModel",

@@ -103,3 +103,31 @@ class ObserverF64(_Observer): ...
 class ObserverF32(_Observer): ...
 class TwoStageF64(_TwoStage): ...
 class TwoStageF32(_TwoStage): ...
+
+class _Phasor(_Stream):
+    def __new__(cls, *args: object, **kwargs: object) -> Self: ...
+    def __init__(
+        self,
+        blob: bytes = ...,
+        *,
+        min_course_speed: float = ...,
+        gravity: float = ...,
+        lever_arm: _Vector = ...,
+        gyro_noise: float = ...,
+        accel_noise: float = ...,
+        gyro_bias_walk: float = ...,
+        accel_bias_walk: float = ...,
+        velocity_std: float = ...,
+        sideslip_std: float = ...,
+        initial_gyro_bias_std: float = ...,
+        initial_accel_bias_std: float = ...,
+        latitude: float | None = ...,
+        gravity_std: float = ...,
+        gyro_bias: _Vector = ...,
+        accel_bias: _Vector = ...,
+    ) -> None: ...
+    @property
+    def innovation_ratio(self) -> float: ...
+
+class PhasorF64(_Phasor): ...
+class PhasorF32(_Phasor): ...

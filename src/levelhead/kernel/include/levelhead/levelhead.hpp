@@ -5,6 +5,7 @@
 #define LEVELHEAD_LEVELHEAD_HPP
 
 #include "observer.hpp"
+#include "phasor.hpp"
 #include "stream.hpp"
 #include "two_stage.hpp"
 

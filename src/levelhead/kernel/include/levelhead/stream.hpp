@@ -103,7 +103,7 @@ struct Stream {
     }
 
   private:
-    double longest() const { return Estimator::longest(params); }
+    double longest() const { return estimator.longest(params); }
     static bool finite(double x) { return x * 0.0 == 0.0; }
     static bool finite(const Vec3<S>& v) { return (v.x * S(0) + v.y * S(0)) + v.z * S(0) == S(0); }
 

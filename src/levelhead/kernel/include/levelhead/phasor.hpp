@@ -1,0 +1,303 @@
+// The phasor filter: a Kalman filter whose horizontal half is four complex numbers. Between epochs only the attitude and
+// the velocity are integrated; the covariance moves once per GNSS interval. Heading (with the vertical gyro bias) and
+// vertical velocity (with the vertical accelerometer bias) are two real pairs of their own. docs/theory/phasor.md
+#ifndef LEVELHEAD_PHASOR_HPP
+#define LEVELHEAD_PHASOR_HPP
+
+#include "phasor_model.hpp"
+#include "platform.hpp"
+#include "status.hpp"
+
+namespace levelhead {
+
+template <class S>
+struct PhasorParams {
+    PlatformParams<S> platform;  // of which tau and tau_heading are not used
+    PhasorNoise<S> noise;
+    S velocity_std;                // where the fix tells none, m/s
+    S sideslip_std;                // between course and heading, rad
+    S initial_gyro_bias_std, initial_accel_bias_std;
+    S latitude;                    // rad; NaN: unknown, then the Earth's rotation is not compensated
+    S gravity_std;                 // shown in the sigma of the vertical accelerometer bias only, m/s^2
+};
+
+constexpr double earth_rate = 7.292115e-5;     // rad/s
+constexpr double earth_radius = 6.371e6;       // m: the transport rate needs no better
+constexpr double longest_step = 1.0;           // the covariance moves at least this often, s ...
+constexpr double largest_turn = 0.35;          // ... and at least once per such a turn: within it the rate counts as even, rad
+constexpr double unknown_heading_var = 10.0;   // any heading: more than pi^2/3, rad^2
+constexpr double gap_rate = 0.01;              // least that the angular rate across an IMU gap can be off, rad/s
+constexpr double gap_force = 0.2;              // the same for the specific force, m/s^2
+constexpr double settled_gyro = 1.7453e-4;     // 0.01 deg/s: twice this is what a user calls known, rad/s
+constexpr double settled_accel = 0.02;         // m/s^2
+constexpr double settled_heading = 0.01745;    // 1 deg, rad
+constexpr double enough_turning = 0.1;         // integral of the squared yaw rate: about a quarter turn at 5 deg/s, rad^2/s
+constexpr double joint_correlation = 0.9;      // squared correlation above which two biases are one combination
+
+// Listens to the filter; this one does nothing and costs nothing.
+struct NoRecorder {
+    template <class Filter, class S>
+    void moved(const Filter&, const Transition<S>&, S, bool) {}
+    template <class S>
+    void corrected(const PhasorVector<S>&, S, const Complex<S>&) {}
+    template <class S>
+    void turned(const PairGain<S>&, S, S) {}
+    template <class S>
+    void lifted(const PairGain<S>&, S, S) {}
+    template <class Filter>
+    void done(const Filter&) {}
+};
+
+template <class S, class Recorder = NoRecorder>
+struct Phasor {
+    using Scalar = S;
+    using Params = PhasorParams<S>;
+    static constexpr bool vertical_accel_bias = true;
+
+    PlatformState<S> platform;  // its velocity_ned and delta_velocity are the filter's own
+    Vec3<S> gyro_bias, accel_bias;
+    PhasorCovariance<S> horizontal;
+    PairCovariance<S> turning, lifting;  // heading & vertical gyro bias; vertical velocity & accelerometer bias
+    Complex<S> azimuth;                  // e^{i alpha}: the level frame's x axis in North + i East
+    S elapsed;                           // since the covariance moved, s
+    S gap_tilt, gap_velocity;            // variances to add for bridged IMU gaps
+    S turned;                            // integral of the squared yaw rate, rad^2/s
+    S surprise, surprises;               // mean of the squared normalised innovations, and how many went into it
+    S gravity_var;
+    Recorder recorder;
+
+    void begin(const Params& k) {
+        const S g = k.initial_gyro_bias_std * k.initial_gyro_bias_std, a = k.initial_accel_bias_std * k.initial_accel_bias_std;
+        horizontal.gg = turning.bb = g;
+        horizontal.aa = lifting.bb = a;
+        turning.xx = S(unknown_heading_var);
+        azimuth = {S(1), S(0)};
+        surprise = S(1);
+        gravity_var = k.gravity_std * k.gravity_std;
+    }
+
+    void restart(const Params&, const Vec3<S>& specific_force) { levelhead::restart(platform, specific_force); }
+
+    // The trapezoid across a gap is a guess; what the readings changed by meanwhile tells how bad it can be.
+    void bridged(S length, const Vec3<S>& delta_gyro, const Vec3<S>& delta_accel) {
+        const S angle = (S(0.5) * norm(delta_gyro) + S(gap_rate)) * length;
+        const S speed = (S(0.5) * norm(delta_accel) + S(gap_force)) * length;
+        gap_tilt = gap_tilt + angle * angle;
+        gap_velocity = gap_velocity + speed * speed;
+    }
+
+    LEVELHEAD_HOT void step(const Params&, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
+        advance(platform, dt, gyro - gyro_bias, accel - accel_bias, platform.dcm_body_to_ned.z);
+        elapsed = elapsed + dt;
+    }
+
+    // Within a long interval, or a sharp turn, the covariance moves without waiting for the epoch.
+    LEVELHEAD_HOT void tick(const Params& k) {
+        if ((elapsed >= S(longest_step) || absolute(platform.turn) > S(largest_turn)) && platform.aligned > S(0.5)) {
+            move(k);
+            recorder.done(*this);
+        }
+    }
+
+    double longest(const Params&) const { return max_interval; }
+
+    Vec3<S> velocity(const Params& k, S) const {
+        return current_velocity(platform, k.platform.gravity, elapsed);
+    }
+
+    Interval<S> epoch(const Params& k, const Fix<S>& fix) {
+        Interval<S> out{};
+        out.length = fix.length;
+        if (platform.aligned > S(0.5)) move(k);
+        // The level frame's x axis, seen from the body: it stays there while the platform is turned to the first course.
+        const Vec3<S> axis = transposed_times(platform.dcm_body_to_ned, {azimuth.re, azimuth.im, S(0)});
+        const S heading_before = heading(platform.dcm_body_to_ned);
+        const Sighting<S> e = sight(platform, k.platform, fix);
+        out.waiting = select(e.waiting, S(1), S(0));
+        if (e.was_aligned) {
+            if (e.turned_now) {
+                azimuth = {dot(platform.dcm_body_to_ned.x, axis), dot(platform.dcm_body_to_ned.y, axis)};
+                turn_to_course(k, e, fix, -wrap_angle(heading(platform.dcm_body_to_ned) - heading_before), false);
+            }
+            // Without a heading the accelerations of a moving vehicle have no direction: take the velocity, learn nothing.
+            if (e.knew_heading || e.at_rest) {
+                correct(k, e, fix);
+            } else {
+                take_velocity(k, e.velocity, fix);
+            }
+        } else if (e.aligned_now) {
+            align_covariance(k, e, fix);
+        }
+        begin_interval(platform, e, platform.aligned > S(0.5) ? platform.velocity_ned : e.velocity);
+        if (e.was_aligned || e.aligned_now) recorder.done(*this);
+        return out;
+    }
+
+    uint32_t settled() const {
+        const bool gyro = horizontal.gg < S(settled_gyro * settled_gyro);
+        const bool accel = horizontal.aa < S(settled_accel * settled_accel);
+        const bool joint = norm2(horizontal.ga) > S(joint_correlation) * horizontal.gg * horizontal.aa;
+        const bool course = turning.bb < S(settled_gyro * settled_gyro) && turning.xx < S(settled_heading * settled_heading);
+        const bool has_turned = turned > S(enough_turning);
+        return (gyro ? GYRO_SETTLED : 0u) | (accel ? ACCEL_SETTLED : 0u) |
+               (!accel && !has_turned ? ACCEL_UNOBSERVABLE : 0u) |
+               (!accel && has_turned && joint ? UNSEPARATED : 0u) | (course ? HEADING_SETTLED : 0u);
+    }
+
+    Sigma<S> sigma() const {
+        const Vec3<S> d = platform.dcm_body_to_ned.z;
+        const auto body = [&](S level, S vertical) {
+            const auto axis = [&](S z) { return square_root(level + (vertical - level) * z * z); };
+            return Vec3<S>{axis(d.x), axis(d.y), axis(d.z)};
+        };
+        const S cos2 = maximum(S(1) - d.x * d.x, S(1e-6));  // of the pitch
+        const S tilt = horizontal.tt;
+        return {body(horizontal.gg, turning.bb), body(horizontal.aa, lifting.bb + gravity_var),
+                {square_root(tilt / cos2), square_root(tilt), square_root(turning.xx + tilt * d.x * d.x / cos2)}};
+    }
+
+  private:
+    // Bring velocity and covariance up to now.
+    void move(const Params& k) {
+        PlatformState<S>& p = platform;
+        const S t = elapsed, phi = p.turn;
+        // What carries the tilt into the velocity is the mean vertical force; a bump moves it, bad data must not.
+        const S force = t > S(0) ? clamp(-p.delta_velocity.z / t, S(0.5) * k.platform.gravity, S(2) * k.platform.gravity) : k.platform.gravity;
+        p.velocity_ned = p.velocity_ned + p.delta_velocity + Vec3<S>{S(0), S(0), k.platform.gravity * t};
+        feel_the_earth(k, t);
+        const Transition<S> f = transition(t, phi, force);
+        propagate(horizontal, f);
+        add_noise(horizontal, k.noise, t, force);
+        horizontal.tt = horizontal.tt + gap_tilt;
+        horizontal.nn = horizontal.nn + gap_velocity;
+        propagate(turning, t, k.noise.gyro, k.noise.gyro_walk);
+        propagate(lifting, t, k.noise.accel, k.noise.accel_walk);
+        turning.xx = turning.xx + gap_tilt;
+        lifting.xx = lifting.xx + gap_velocity;
+        turn_azimuth(phi);
+        if (t > S(0)) turned = minimum(turned + phi * phi / t, S(1e3));
+        recorder.moved(*this, f, t, false);
+        elapsed = gap_tilt = gap_velocity = p.turn = S(0);
+        p.delta_velocity = {S(0), S(0), S(0)};
+    }
+
+    void turn_azimuth(S angle) {
+        const RotationCoefficients<S> r = rotation_coefficients(angle * angle);
+        const Complex<S> u = azimuth * Complex<S>{S(1) - angle * angle * r.b, angle * r.a};
+        azimuth = u * (S(1.5) - S(0.5) * norm2(u));  // one Newton step towards |u| = 1
+    }
+
+    // The platform must turn with the Earth and with the way over its surface; Coriolis acceleration over the time t.
+    void feel_the_earth(const Params& k, S t) {
+        if (!(k.latitude == k.latitude)) return;
+        PlatformState<S>& p = platform;
+        const S sine_lat = sine(k.latitude), cosine_lat = cosine(k.latitude);
+        const Vec3<S> v = p.velocity_ned;
+        const Vec3<S> earth = {S(earth_rate) * cosine_lat, S(0), S(-earth_rate) * sine_lat};
+        const S per_radius = S(1.0 / earth_radius);
+        const Vec3<S> transport = {v.y * per_radius, -v.x * per_radius,
+                                   -v.y * per_radius * sine_lat / maximum(cosine_lat, S(0.01))};
+        p.control_rate_ned = earth + transport;
+        p.hold = S(1e9);
+        p.velocity_ned = p.velocity_ned - cross(earth * S(2) + transport, v) * t;
+    }
+
+    S velocity_variance(const Params& k, S std) const {
+        const S known = std == std ? std : k.velocity_std;
+        return known * known;
+    }
+
+    Complex<S> to_level(S north, S east) const { return conj(azimuth) * Complex<S>{north, east}; }
+
+    // After levelling, what the accelerometers read amiss is in the tilt: theta = (i beta_a - i dn/T) / g, plus the turn by the
+    // gyro bias since the middle of the interval.
+    void align_covariance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) {
+        PhasorCovariance<S>& p = horizontal;
+        const S over_g = S(1) / k.platform.gravity, half = S(0.5) * fix.length;
+        const S r = velocity_variance(k, horizontal_std(fix.std));
+        azimuth = {S(1), S(0)};
+        platform.turn = elapsed = gap_tilt = gap_velocity = S(0);
+        platform.velocity_ned = e.velocity;
+        feel_the_earth(k, S(0));
+        Transition<S> f{};
+        f.tg = {half, S(0)};
+        f.ta = {S(0), over_g};
+        p.nn = S(0);
+        p.nt = p.ng = p.na = {S(0), S(0)};
+        p.tt = S(0);
+        p.tg = p.ta = {S(0), S(0)};
+        propagate(p, f);
+        // An acceleration of unknown direction levels the platform by as much.
+        const Vec3<S> a = e.gnss_force;
+        const S blind = e.trusted ? S(0) : (a.x * a.x + a.y * a.y) * over_g * over_g;
+        p.tt = p.tt + (S(2) * r * e.rate * e.rate + k.noise.accel * e.rate) * over_g * over_g + k.noise.gyro * half + blind;
+        p.nn = r;
+        p.nt = {S(0), r * e.rate * over_g};
+        recorder.moved(*this, f, fix.length, true);
+        turning.xx = S(unknown_heading_var);
+        turning.xb = S(0);
+        lifting.xx = velocity_variance(k, fix.std.z);
+        lifting.xb = S(0);
+        if (e.trusted) turning.xx = course_variance(k, e, fix);
+    }
+
+    S course_variance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) const {
+        return velocity_variance(k, horizontal_std(fix.std)) / e.speed2 + k.sideslip_std * k.sideslip_std;
+    }
+
+    void take_velocity(const Params& k, const Vec3<S>& velocity, const Fix<S>& fix) {
+        Transition<S> f{};
+        f.tt = {S(1), S(0)};
+        propagate(horizontal, f);
+        horizontal.nn = velocity_variance(k, horizontal_std(fix.std));
+        lifting.xx = velocity_variance(k, fix.std.z);
+        lifting.xb = S(0);
+        platform.velocity_ned = velocity;
+        recorder.moved(*this, f, S(0), false);
+    }
+
+    // `error` is heading - course; returns what the heading has to give up.
+    S turn_to_course(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S error, bool feed_bias) {
+        const S r = course_variance(k, e, fix), s = turning.xx + r;
+        const PairGain<S> gain = measure(turning, r);
+        if (feed_bias) add_bias(gyro_bias, {S(0), S(0)}, gain.b * error);
+        recorder.turned(gain, s, error);
+        return gain.x * error;
+    }
+
+    // A level-frame bias (horizontal, down) as seen by the body's axes.
+    void add_bias(Vec3<S>& bias, const Complex<S>& level, S down) const {
+        const Complex<S> ned = azimuth * level;
+        bias = bias + transposed_times(platform.dcm_body_to_ned, {ned.re, ned.im, down});
+    }
+
+    void correct(const Params& k, const Sighting<S>& e, const Fix<S>& fix) {
+        PlatformState<S>& p = platform;
+        const Vec3<S> error = p.velocity_ned - e.velocity;
+        const Complex<S> z = to_level(error.x, error.y);
+        const S s = horizontal.nn + velocity_variance(k, horizontal_std(fix.std));
+        const PhasorVector<S> gain = measure_velocity(horizontal, s);
+        recorder.corrected(gain, s, z);
+        surprises = minimum(surprises + S(1), S(1e5));
+        surprise = surprise + (S(0.5) * norm2(z) / s - surprise) / surprises;
+
+        const S r_down = velocity_variance(k, fix.std.z), s_down = lifting.xx + r_down;
+        const PairGain<S> lift = measure(lifting, r_down);
+        recorder.lifted(lift, s_down, error.z);
+
+        const auto steer = e.knew_heading & e.trusted;
+        const S innovation = course_innovation(p, steer, e.course);
+        const S heading_error = steer ? turn_to_course(k, e, fix, -innovation, true) : S(0);
+
+        const Complex<S> nu = azimuth * (gain.n * z), theta = azimuth * (gain.t * z);
+        p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, lift.x * error.z};
+        add_bias(gyro_bias, gain.g * z, S(0));
+        add_bias(accel_bias, gain.a * z, lift.b * error.z);
+        p.dcm_body_to_ned = rotated_in_ned(p.dcm_body_to_ned, {-theta.re, -theta.im, -heading_error});
+        turn_azimuth(-heading_error);
+    }
+};
+
+}  // namespace levelhead
+
+#endif
