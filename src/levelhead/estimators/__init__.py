@@ -9,6 +9,7 @@ from levelhead.estimators.base import Result
 from levelhead.estimators.observer import ObserverParams, estimate_observer
 from levelhead.estimators.params import MethodParams
 from levelhead.estimators.phasor import PhasorParams, estimate_phasor
+from levelhead.estimators.smoother import estimate_smoother
 from levelhead.estimators.two_stage import TwoStageParams, estimate_two_stage
 
 
@@ -24,5 +25,6 @@ METHODS: dict[str, Method] = {
     "observer": Method(params=ObserverParams, run=estimate_observer),
     "two-stage": Method(params=TwoStageParams, run=estimate_two_stage),
     "phasor": Method(params=PhasorParams, run=estimate_phasor),
+    "smoother": Method(params=PhasorParams, run=estimate_smoother),
 }
 """Every method of `levelhead.estimate`, by name."""

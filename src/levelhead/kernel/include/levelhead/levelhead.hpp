@@ -6,6 +6,8 @@
 
 #include "observer.hpp"
 #include "phasor.hpp"
+#include "retrace.hpp"
+#include "smoother.hpp"
 #include "stream.hpp"
 #include "two_stage.hpp"
 

@@ -34,6 +34,26 @@ constexpr double settled_heading = 0.01745;    // 1 deg, rad
 constexpr double enough_turning = 0.1;         // integral of the squared yaw rate: about a quarter turn at 5 deg/s, rad^2/s
 constexpr double joint_correlation = 0.9;      // squared correlation above which two biases are one combination
 
+// The Earth's rotation, NED; zero where the latitude is not known.
+template <class S>
+Vec3<S> earth_rotation(const PhasorParams<S>& k) {
+    if (!(k.latitude == k.latitude)) return {S(0), S(0), S(0)};
+    return {S(earth_rate) * cosine(k.latitude), S(0), S(-earth_rate) * sine(k.latitude)};
+}
+
+// The rate of the NED frame on its way over the turning Earth.
+template <class S>
+Vec3<S> earth_and_transport(const PhasorParams<S>& k, const Vec3<S>& v) {
+    if (!(k.latitude == k.latitude)) return {S(0), S(0), S(0)};
+    const S per_radius = S(1.0 / earth_radius), tangent = sine(k.latitude) / maximum(cosine(k.latitude), S(0.01));
+    return earth_rotation(k) + Vec3<S>{v.y * per_radius, -v.x * per_radius, -v.y * per_radius * tangent};
+}
+
+template <class S>
+Vec3<S> coriolis_acceleration(const PhasorParams<S>& k, const Vec3<S>& v) {
+    return cross(earth_rotation(k) + earth_and_transport(k, v), v) * S(-1);
+}
+
 // Listens to the filter; this one does nothing and costs nothing.
 struct NoRecorder {
     template <class Filter, class S>
@@ -47,6 +67,19 @@ struct NoRecorder {
     template <class Filter>
     void done(const Filter&) {}
 };
+
+// Variances in the level frame, horizontal (the same for all directions) and vertical, as sigmas of what is shown.
+template <class S>
+Sigma<S> level_sigma(const Vec3<S>& down_body, S gyro, S gyro_down, S accel, S accel_down, S tilt, S heading) {
+    const Vec3<S>& d = down_body;
+    const auto body = [&](S level, S down) {
+        const auto axis = [&](S z) { return square_root(level + (down - level) * z * z); };
+        return Vec3<S>{axis(d.x), axis(d.y), axis(d.z)};
+    };
+    const S cos2 = maximum(S(1) - d.x * d.x, S(1e-6));  // of the pitch
+    return {body(gyro, gyro_down), body(accel, accel_down),
+            {square_root(tilt / cos2), square_root(tilt), square_root(heading + tilt * d.x * d.x / cos2)}};
+}
 
 template <class S, class Recorder = NoRecorder>
 struct Phasor {
@@ -123,6 +156,7 @@ struct Phasor {
             if (e.knew_heading || e.at_rest) {
                 correct(k, e, fix);
             } else {
+                recorder.done(*this);
                 take_velocity(k, e.velocity, fix);
             }
         } else if (e.aligned_now) {
@@ -145,15 +179,8 @@ struct Phasor {
     }
 
     Sigma<S> sigma() const {
-        const Vec3<S> d = platform.dcm_body_to_ned.z;
-        const auto body = [&](S level, S vertical) {
-            const auto axis = [&](S z) { return square_root(level + (vertical - level) * z * z); };
-            return Vec3<S>{axis(d.x), axis(d.y), axis(d.z)};
-        };
-        const S cos2 = maximum(S(1) - d.x * d.x, S(1e-6));  // of the pitch
-        const S tilt = horizontal.tt;
-        return {body(horizontal.gg, turning.bb), body(horizontal.aa, lifting.bb + gravity_var),
-                {square_root(tilt / cos2), square_root(tilt), square_root(turning.xx + tilt * d.x * d.x / cos2)}};
+        return level_sigma(platform.dcm_body_to_ned.z, horizontal.gg, turning.bb, horizontal.aa, lifting.bb + gravity_var,
+                           horizontal.tt, turning.xx);
     }
 
   private:
@@ -187,19 +214,12 @@ struct Phasor {
         azimuth = u * (S(1.5) - S(0.5) * norm2(u));  // one Newton step towards |u| = 1
     }
 
-    // The platform must turn with the Earth and with the way over its surface; Coriolis acceleration over the time t.
+    // Coriolis acceleration over the time t, and the rate for the platform to turn at from here on.
     void feel_the_earth(const Params& k, S t) {
         if (!(k.latitude == k.latitude)) return;
-        PlatformState<S>& p = platform;
-        const S sine_lat = sine(k.latitude), cosine_lat = cosine(k.latitude);
-        const Vec3<S> v = p.velocity_ned;
-        const Vec3<S> earth = {S(earth_rate) * cosine_lat, S(0), S(-earth_rate) * sine_lat};
-        const S per_radius = S(1.0 / earth_radius);
-        const Vec3<S> transport = {v.y * per_radius, -v.x * per_radius,
-                                   -v.y * per_radius * sine_lat / maximum(cosine_lat, S(0.01))};
-        p.control_rate_ned = earth + transport;
-        p.hold = S(1e9);
-        p.velocity_ned = p.velocity_ned - cross(earth * S(2) + transport, v) * t;
+        platform.velocity_ned = platform.velocity_ned + coriolis_acceleration(k, platform.velocity_ned) * t;
+        platform.control_rate_ned = earth_and_transport(k, platform.velocity_ned);
+        platform.hold = S(1e9);
     }
 
     S velocity_variance(const Params& k, S std) const {
