@@ -24,10 +24,15 @@ class PhasorParams(FilterParams):
     Attributes
     ----------
     sideslip_std : float
-        One sigma between the course and the heading, rad: how far the vehicle moves other than where it points.
+        One sigma between the course and the heading, rad: how far the vehicle moves other than where it points, for
+        seconds at a time.
+    axle_std : float
+        One sigma of the distance, along the vehicle, from the IMU to the axle that does not steer, m: in a turn the IMU
+        swings sideways by it.
     """
 
-    sideslip_std: float = math.radians(0.3)
+    sideslip_std: float = math.radians(0.5)
+    axle_std: float = 0.5
 
     def kernel_arguments(self) -> dict[str, Any]:
         """Return the constants under the names of the compiled class: variances per second from one-sided densities."""

@@ -353,11 +353,11 @@ void bind_two_stage(nb::module_& m, const char* name) {
 
 template <class S>
 PhasorParams<S> phasor_params(nb::handle lever_arm, double min_course_speed, double gravity, double gyro_noise, double accel_noise,
-                              double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std,
+                              double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std, double axle_std,
                               double initial_gyro_bias_std, double initial_accel_bias_std, nb::object latitude,
                               double gravity_std) {
     const PhasorNoise<S> noise = {S(gyro_noise), S(accel_noise), S(gyro_bias_walk), S(accel_bias_walk)};
-    return {platform_params<S>(1.0, 1.0, min_course_speed, gravity, lever_arm), noise, S(velocity_std), S(sideslip_std),
+    return {platform_params<S>(1.0, 1.0, min_course_speed, gravity, lever_arm), noise, S(velocity_std), S(sideslip_std), S(axle_std),
             S(initial_gyro_bias_std), S(initial_accel_bias_std), latitude.is_none() ? S(NAN) : S(nb::cast<double>(latitude)),
             S(gravity_std)};
 }
@@ -369,16 +369,16 @@ void bind_phasor(nb::module_& m, const char* name) {
         .def(
             "__init__",
             [](St* self, double min_course_speed, double gravity, nb::handle lever_arm, double gyro_noise, double accel_noise,
-               double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std,
+               double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std, double axle_std,
                double initial_gyro_bias_std, double initial_accel_bias_std, nb::object latitude, double gravity_std,
                nb::handle gyro_bias, nb::handle accel_bias) {
                 const auto k = phasor_params<S>(lever_arm, min_course_speed, gravity, gyro_noise, accel_noise, gyro_bias_walk,
-                                                accel_bias_walk, velocity_std, sideslip_std, initial_gyro_bias_std,
+                                                accel_bias_walk, velocity_std, sideslip_std, axle_std, initial_gyro_bias_std,
                                                 initial_accel_bias_std, latitude, gravity_std);
                 new (self) St(St::make(k, vec3<S>(gyro_bias, "gyro_bias"), vec3<S>(accel_bias, "accel_bias")));
             },
             nb::kw_only(), "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "gyro_noise"_a, "accel_noise"_a, "gyro_bias_walk"_a,
-            "accel_bias_walk"_a, "velocity_std"_a, "sideslip_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a,
+            "accel_bias_walk"_a, "velocity_std"_a, "sideslip_std"_a, "axle_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a,
             "latitude"_a.none(), "gravity_std"_a, "gyro_bias"_a, "accel_bias"_a)
         .def_prop_ro("innovation_ratio", [](const St& s) { return sqrt(double(s.estimator.surprise)); },
                      "RMS of the velocity innovations over their predicted sigma: 1 where the noise is as the parameters say.");
@@ -434,16 +434,16 @@ void bind_smoother(nb::module_& m) {
         .def(
             "__init__",
             [](Smoother* self, double min_course_speed, double gravity, nb::handle lever_arm, double gyro_noise, double accel_noise,
-               double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std,
+               double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std, double axle_std,
                double initial_gyro_bias_std, double initial_accel_bias_std, nb::object latitude, double gravity_std,
                nb::handle gyro_bias, nb::handle accel_bias) {
                 const auto k = phasor_params<double>(lever_arm, min_course_speed, gravity, gyro_noise, accel_noise, gyro_bias_walk,
-                                                     accel_bias_walk, velocity_std, sideslip_std, initial_gyro_bias_std,
+                                                     accel_bias_walk, velocity_std, sideslip_std, axle_std, initial_gyro_bias_std,
                                                      initial_accel_bias_std, latitude, gravity_std);
                 new (self) Smoother(k, vec3<double>(gyro_bias, "gyro_bias"), vec3<double>(accel_bias, "accel_bias"));
             },
             nb::kw_only(), "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "gyro_noise"_a, "accel_noise"_a, "gyro_bias_walk"_a,
-            "accel_bias_walk"_a, "velocity_std"_a, "sideslip_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a,
+            "accel_bias_walk"_a, "velocity_std"_a, "sideslip_std"_a, "axle_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a,
             "latitude"_a.none(), "gravity_std"_a, "gyro_bias"_a, "accel_bias"_a)
         .def("run", [](Smoother& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
                        const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,

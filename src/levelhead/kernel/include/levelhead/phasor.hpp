@@ -15,7 +15,8 @@ struct PhasorParams {
     PlatformParams<S> platform;  // of which tau and tau_heading are not used
     PhasorNoise<S> noise;
     S velocity_std;                // where the fix tells none, m/s
-    S sideslip_std;                // between course and heading, rad
+    S sideslip_std;                // between course and heading, rad; it stays for sideslip_time
+    S axle_std;                    // how far the IMU can be from where course and heading agree in a turn, m
     S initial_gyro_bias_std, initial_accel_bias_std;
     S latitude;                    // rad; NaN: unknown, then the Earth's rotation is not compensated
     S gravity_std;                 // shown in the sigma of the vertical accelerometer bias only, m/s^2
@@ -54,12 +55,14 @@ Vec3<S> coriolis_acceleration(const PhasorParams<S>& k, const Vec3<S>& v) {
     return cross(earth_rotation(k) + earth_and_transport(k, v), v) * S(-1);
 }
 
+constexpr double sideslip_time = 2.0;          // s
+
 // Listens to the filter; this one does nothing and costs nothing.
 struct NoRecorder {
     template <class Filter, class S>
-    void moved(const Filter&, const Transition<S>&, S, bool) {}
+    void moved(const Filter&, const Transition<S>&, const Complex<S>&, S, bool) {}
     template <class S>
-    void corrected(const PhasorVector<S>&, S, const Complex<S>&) {}
+    void corrected(const PhasorVector<S>&, const HeadingGain<S>&, S, const Complex<S>&) {}
     template <class S>
     void turned(const PairGain<S>&, S, S) {}
     template <class S>
@@ -91,9 +94,11 @@ struct Phasor {
     Vec3<S> gyro_bias, accel_bias;
     PhasorCovariance<S> horizontal;
     PairCovariance<S> turning, lifting;  // heading & vertical gyro bias; vertical velocity & accelerometer bias
+    PhasorVector<S> share;               // of the heading error in the four, on top of their covariance
     Complex<S> azimuth;                  // e^{i alpha}: the level frame's x axis in North + i East
     S elapsed;                           // since the covariance moved, s
     S gap_tilt, gap_velocity;            // variances to add for bridged IMU gaps
+    S yaw_rate;                          // over the last interval, rad/s
     S turned;                            // integral of the squared yaw rate, rad^2/s
     S surprise, surprises;               // mean of the squared normalised innovations, and how many went into it
     S gravity_var;
@@ -150,7 +155,7 @@ struct Phasor {
         if (e.was_aligned) {
             if (e.turned_now) {
                 azimuth = {dot(platform.dcm_body_to_ned.x, axis), dot(platform.dcm_body_to_ned.y, axis)};
-                turn_to_course(k, e, fix, -wrap_angle(heading(platform.dcm_body_to_ned) - heading_before), false);
+                take_course(k, e, fix, wrap_angle(heading(platform.dcm_body_to_ned) - heading_before));
             }
             // Without a heading the accelerations of a moving vehicle have no direction: take the velocity, learn nothing.
             if (e.knew_heading || e.at_rest) {
@@ -179,8 +184,10 @@ struct Phasor {
     }
 
     Sigma<S> sigma() const {
-        return level_sigma(platform.dcm_body_to_ned.z, horizontal.gg, turning.bb, horizontal.aa, lifting.bb + gravity_var,
-                           horizontal.tt, turning.xx);
+        const S h = platform.heading_known > S(0.5) ? S(0.5) * turning.xx : S(0);
+        return level_sigma(platform.dcm_body_to_ned.z, horizontal.gg + h * norm2(share.g), turning.bb,
+                           horizontal.aa + h * norm2(share.a), lifting.bb + gravity_var, horizontal.tt + h * norm2(share.t),
+                           turning.xx);
     }
 
   private:
@@ -190,20 +197,29 @@ struct Phasor {
         const S t = elapsed, phi = p.turn;
         // What carries the tilt into the velocity is the mean vertical force; a bump moves it, bad data must not.
         const S force = t > S(0) ? clamp(-p.delta_velocity.z / t, S(0.5) * k.platform.gravity, S(2) * k.platform.gravity) : k.platform.gravity;
-        p.velocity_ned = p.velocity_ned + p.delta_velocity + Vec3<S>{S(0), S(0), k.platform.gravity * t};
+        const Vec3<S> dv = p.delta_velocity;
+        p.velocity_ned = p.velocity_ned + dv + Vec3<S>{S(0), S(0), k.platform.gravity * t};
         feel_the_earth(k, t);
+        turn_azimuth(phi);
         const Transition<S> f = transition(t, phi, force);
         propagate(horizontal, f);
+        // A heading that is not known has no small error that could be estimated.
+        const S heading_before = turning.xx;
+        propagate(turning, t, k.noise.gyro, k.noise.gyro_walk);
+        turning.xx = turning.xx + gap_tilt;
+        Complex<S> push = {S(0), S(0)};
+        if (p.heading_known > S(0.5)) {
+            push = times_i(to_level(dv.x, dv.y));
+            propagate_share(share, horizontal, f, push, heading_before, turning.xx);
+        }
         add_noise(horizontal, k.noise, t, force);
         horizontal.tt = horizontal.tt + gap_tilt;
         horizontal.nn = horizontal.nn + gap_velocity;
-        propagate(turning, t, k.noise.gyro, k.noise.gyro_walk);
         propagate(lifting, t, k.noise.accel, k.noise.accel_walk);
-        turning.xx = turning.xx + gap_tilt;
         lifting.xx = lifting.xx + gap_velocity;
-        turn_azimuth(phi);
+        yaw_rate = t > S(0) ? phi / t : S(0);
         if (t > S(0)) turned = minimum(turned + phi * phi / t, S(1e3));
-        recorder.moved(*this, f, t, false);
+        recorder.moved(*this, f, push, t, false);
         elapsed = gap_tilt = gap_velocity = p.turn = S(0);
         p.delta_velocity = {S(0), S(0), S(0)};
     }
@@ -247,22 +263,34 @@ struct Phasor {
         p.tt = S(0);
         p.tg = p.ta = {S(0), S(0)};
         propagate(p, f);
-        // An acceleration of unknown direction levels the platform by as much.
-        const Vec3<S> a = e.gnss_force;
-        const S blind = e.trusted ? S(0) : (a.x * a.x + a.y * a.y) * over_g * over_g;
-        p.tt = p.tt + (S(2) * r * e.rate * e.rate + k.noise.accel * e.rate) * over_g * over_g + k.noise.gyro * half + blind;
+        turning.xx = e.trusted ? single_course_variance(k, e, fix) : S(unknown_heading_var);
+        turning.xb = S(0);
+        // Levelling on an acceleration seen from a wrong heading tilts the platform: theta = -f psi / g.
+        const Complex<S> lean = Complex<S>{e.gnss_force.x, e.gnss_force.y} * -over_g;
+        p.tt = p.tt + (S(2) * r * e.rate * e.rate + k.noise.accel * e.rate) * over_g * over_g + k.noise.gyro * half +
+               (e.trusted ? S(0) : norm2(lean));
         p.nn = r;
         p.nt = {S(0), r * e.rate * over_g};
-        recorder.moved(*this, f, fix.length, true);
-        turning.xx = S(unknown_heading_var);
-        turning.xb = S(0);
+        share = PhasorVector<S>{};
+        if (e.trusted) share.t = lean;
+        recorder.moved(*this, f, {S(0), S(0)}, fix.length, true);
         lifting.xx = velocity_variance(k, fix.std.z);
         lifting.xb = S(0);
-        if (e.trusted) turning.xx = course_variance(k, e, fix);
     }
 
+    // One look at the course: velocity noise, and how much the vehicle slides or swings.
+    S single_course_variance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) const {
+        return velocity_variance(k, horizontal_std(fix.std)) / e.speed2 + sliding_variance(k, e);
+    }
+
+    S sliding_variance(const Params& k, const Sighting<S>& e) const {
+        return k.sideslip_std * k.sideslip_std + k.axle_std * k.axle_std * yaw_rate * yaw_rate / e.speed2;
+    }
+
+    // The same again and again: the sideslip stays for a while, so that many looks tell no more than one.
     S course_variance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) const {
-        return velocity_variance(k, horizontal_std(fix.std)) / e.speed2 + k.sideslip_std * k.sideslip_std;
+        const S repeats = maximum(S(1), S(2.0 * sideslip_time) * e.rate);
+        return velocity_variance(k, horizontal_std(fix.std)) / e.speed2 + sliding_variance(k, e) * repeats;
     }
 
     void take_velocity(const Params& k, const Vec3<S>& velocity, const Fix<S>& fix) {
@@ -273,16 +301,15 @@ struct Phasor {
         lifting.xx = velocity_variance(k, fix.std.z);
         lifting.xb = S(0);
         platform.velocity_ned = velocity;
-        recorder.moved(*this, f, S(0), false);
+        share.n = {S(0), S(0)};
+        recorder.moved(*this, f, {S(0), S(0)}, S(0), false);
     }
 
-    // `error` is heading - course; returns what the heading has to give up.
-    S turn_to_course(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S error, bool feed_bias) {
-        const S r = course_variance(k, e, fix), s = turning.xx + r;
-        const PairGain<S> gain = measure(turning, r);
-        if (feed_bias) add_bias(gyro_bias, {S(0), S(0)}, gain.b * error);
-        recorder.turned(gain, s, error);
-        return gain.x * error;
+    // The first course; `angle` is what sight() has turned the heading by.
+    void take_course(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S angle) {
+        const S r = single_course_variance(k, e, fix), s = turning.xx + r;
+        recorder.turned(measure(turning, r), s, -angle);
+        share = PhasorVector<S>{};
     }
 
     // A level-frame bias (horizontal, down) as seen by the body's axes.
@@ -297,9 +324,12 @@ struct Phasor {
         const Complex<S> z = to_level(error.x, error.y);
         const S s = horizontal.nn + velocity_variance(k, horizontal_std(fix.std));
         const PhasorVector<S> gain = measure_velocity(horizontal, s);
-        recorder.corrected(gain, s, z);
+        const HeadingGain<S> aside = measure_velocity(turning, share, gain, s);
+        recorder.corrected(gain, aside, s, z);
         surprises = minimum(surprises + S(1), S(1e5));
         surprise = surprise + (S(0.5) * norm2(z) / s - surprise) / surprises;
+        const S told = inner(aside.seen, z);
+        S turn = aside.x * told, turn_bias = aside.b * told;
 
         const S r_down = velocity_variance(k, fix.std.z), s_down = lifting.xx + r_down;
         const PairGain<S> lift = measure(lifting, r_down);
@@ -307,14 +337,22 @@ struct Phasor {
 
         const auto steer = e.knew_heading & e.trusted;
         const S innovation = course_innovation(p, steer, e.course);
-        const S heading_error = steer ? turn_to_course(k, e, fix, -innovation, true) : S(0);
+        if (steer) {
+            const S y = -innovation - turn, r = course_variance(k, e, fix), s_course = turning.xx + r;
+            const PairGain<S> steered = measure(turning, r);
+            recorder.turned(steered, s_course, y);
+            turn = turn + steered.x * y;
+            turn_bias = turn_bias + steered.b * y;
+        }
 
-        const Complex<S> nu = azimuth * (gain.n * z), theta = azimuth * (gain.t * z);
+        // The four give up what the heading had put into them.
+        const PhasorVector<S> x = gain * z + share * turn;
+        const Complex<S> nu = azimuth * x.n, theta = azimuth * x.t;
         p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, lift.x * error.z};
-        add_bias(gyro_bias, gain.g * z, S(0));
-        add_bias(accel_bias, gain.a * z, lift.b * error.z);
-        p.dcm_body_to_ned = rotated_in_ned(p.dcm_body_to_ned, {-theta.re, -theta.im, -heading_error});
-        turn_azimuth(-heading_error);
+        add_bias(gyro_bias, x.g, turn_bias);
+        add_bias(accel_bias, x.a, lift.b * error.z);
+        p.dcm_body_to_ned = rotated_in_ned(p.dcm_body_to_ned, {-theta.re, -theta.im, -turn});
+        turn_azimuth(-turn);
     }
 };
 

@@ -109,6 +109,26 @@ PhasorVector<S> measure_velocity(PhasorCovariance<S>& p, S innovation_variance) 
     return gain;
 }
 
+template <class S>
+PhasorVector<S> operator+(const PhasorVector<S>& x, const PhasorVector<S>& y) { return {x.n + y.n, x.t + y.t, x.g + y.g, x.a + y.a}; }
+
+template <class S>
+PhasorVector<S> operator*(const PhasorVector<S>& x, S s) { return {x.n * s, x.t * s, x.g * s, x.a * s}; }
+
+template <class S>
+PhasorVector<S> operator*(const PhasorVector<S>& x, const Complex<S>& z) { return {x.n * z, x.t * z, x.g * z, x.a * z}; }
+
+template <class S>
+PhasorVector<S> operator*(const Transition<S>& f, const PhasorVector<S>& x) {
+    return {f.nn * x.n + f.nt * x.t + f.ng * x.g + f.na * x.a, f.tt * x.t + f.tg * x.g + f.ta * x.a, x.g, x.a};
+}
+
+// x^H y.
+template <class S>
+Complex<S> inner(const PhasorVector<S>& x, const PhasorVector<S>& y) {
+    return conj(x.n) * y.n + conj(x.t) * y.t + conj(x.g) * y.g + conj(x.a) * y.a;
+}
+
 // A real pair "integral, rate bias": heading and vertical gyro bias, or vertical velocity and vertical accelerometer bias.
 template <class S>
 struct PairCovariance {
@@ -135,6 +155,57 @@ PairGain<S> measure(PairCovariance<S>& p, S variance) {
     p.xx = p.xx * left;
     p.xb = p.xb * left;
     return gain;
+}
+
+// P <- P + part of v v^H that is circular: what a real number of this variance, seen through v, adds to each axis.
+template <class S>
+void add_circular(PhasorCovariance<S>& p, const PhasorVector<S>& v, S variance) {
+    const PhasorVector<S> w = v * (S(0.5) * variance);
+    p.nn = p.nn + inner(w.n, v.n);
+    p.tt = p.tt + inner(w.t, v.t);
+    p.gg = p.gg + inner(w.g, v.g);
+    p.aa = p.aa + inner(w.a, v.a);
+    p.nt = p.nt + w.n * conj(v.t);
+    p.ng = p.ng + w.n * conj(v.g);
+    p.na = p.na + w.n * conj(v.a);
+    p.tg = p.tg + w.t * conj(v.g);
+    p.ta = p.ta + w.t * conj(v.a);
+    p.ga = p.ga + w.g * conj(v.a);
+}
+
+// A heading error turns the specific force, nu' = ... + i f psi. That has a direction, so it would spoil the circular
+// covariance; it is kept apart, as in Friedland's separate-bias filter: the errors are what the covariance says plus
+// `share` times the heading error. Both parts stay positive whatever happens. Over an interval in which the specific force
+// added `push` (i times the velocity that it gave), `before` and `after` being the heading's variance:
+template <class S>
+void propagate_share(PhasorVector<S>& share, PhasorCovariance<S>& p, const Transition<S>& f, const Complex<S>& push, S before, S after) {
+    share = f * share;
+    share.n = share.n + push;
+    // What the heading error has gained is news that the four have not felt yet.
+    const S kept = minimum(before / after, S(1));
+    add_circular(p, share, before * (S(1) - kept));
+    share = share * kept;
+}
+
+// What the velocity innovation z tells of the pair: psi gains x Re(conj(seen) z), the bias b Re(conj(seen) z).
+template <class S>
+struct HeadingGain {
+    Complex<S> seen;
+    S x, b;
+};
+
+// `variance` is that of the innovation without the heading's part, `gain` what the four take from it.
+template <class S>
+HeadingGain<S> measure_velocity(PairCovariance<S>& pair, PhasorVector<S>& share, const PhasorVector<S>& gain, S variance) {
+    const Complex<S> h = share.n;
+    const S w = S(1) / (variance + pair.xx * norm2(h));
+    const HeadingGain<S> k = {h, pair.xx * w, pair.xb * w};
+    const S told = norm2(h);
+    pair.bb = pair.bb - k.b * pair.xb * told;
+    pair.xx = pair.xx * variance * w;
+    pair.xb = pair.xb * variance * w;
+    share = share + gain * (-h);
+    return k;
 }
 
 }  // namespace levelhead
