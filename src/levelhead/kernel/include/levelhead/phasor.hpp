@@ -55,6 +55,8 @@ Vec3<S> coriolis_acceleration(const PhasorParams<S>& k, const Vec3<S>& v) {
     return cross(earth_rotation(k) + earth_and_transport(k, v), v) * S(-1);
 }
 
+constexpr double gate_pair = 16.0;             // squared normalised horizontal innovation: one in 3000 is above it by chance
+constexpr double gate_one = 14.0;              // the same for one real innovation: one in 5000
 constexpr double sideslip_time = 2.0;          // s
 
 // Listens to the filter; this one does nothing and costs nothing.
@@ -318,28 +320,41 @@ struct Phasor {
         bias = bias + transposed_times(platform.dcm_body_to_ned, {ned.re, ned.im, down});
     }
 
+    // Innovations beyond what chance allows are outliers: all of the fix is then trusted so much less that the worst of them
+    // becomes just possible. A filter that is wrong itself is still pulled, by a few sigma per epoch.
+    static S doubt(const Complex<S>& z, S s, S down, S s_down, S course, S s_course) {
+        const S worst = maximum(S(1.0 / gate_pair) * norm2(z) / s,
+                                S(1.0 / gate_one) * maximum(down * down / s_down, course * course / s_course));
+        return maximum(worst, S(1));
+    }
+
     void correct(const Params& k, const Sighting<S>& e, const Fix<S>& fix) {
         PlatformState<S>& p = platform;
         const Vec3<S> error = p.velocity_ned - e.velocity;
         const Complex<S> z = to_level(error.x, error.y);
-        const S s = horizontal.nn + velocity_variance(k, horizontal_std(fix.std));
+        const auto steer = e.knew_heading & e.trusted;
+        const S innovation = steer ? -course_innovation(p, steer, e.course) : S(0);
+        const S r = velocity_variance(k, horizontal_std(fix.std)), r_down = velocity_variance(k, fix.std.z);
+        const S r_course = steer ? course_variance(k, e, fix) : S(1);
+        const S plain = horizontal.nn + r + S(0.5) * turning.xx * norm2(share.n);
+        const S f = doubt(z, plain, error.z, lifting.xx + r_down, innovation, turning.xx + r_course);
+        surprises = minimum(surprises + S(1), S(1e5));
+        surprise = surprise + (S(0.5) * norm2(z) / (plain * f) - surprise) / surprises;
+
+        const S s = horizontal.nn + r * f + (f - S(1)) * horizontal.nn;
         const PhasorVector<S> gain = measure_velocity(horizontal, s);
         const HeadingGain<S> aside = measure_velocity(turning, share, gain, s);
         recorder.corrected(gain, aside, s, z);
-        surprises = minimum(surprises + S(1), S(1e5));
-        surprise = surprise + (S(0.5) * norm2(z) / s - surprise) / surprises;
         const S told = inner(aside.seen, z);
         S turn = aside.x * told, turn_bias = aside.b * told;
 
-        const S r_down = velocity_variance(k, fix.std.z), s_down = lifting.xx + r_down;
-        const PairGain<S> lift = measure(lifting, r_down);
+        const S lifted_r = r_down * f + (f - S(1)) * lifting.xx, s_down = lifting.xx + lifted_r;
+        const PairGain<S> lift = measure(lifting, lifted_r);
         recorder.lifted(lift, s_down, error.z);
 
-        const auto steer = e.knew_heading & e.trusted;
-        const S innovation = course_innovation(p, steer, e.course);
         if (steer) {
-            const S y = -innovation - turn, r = course_variance(k, e, fix), s_course = turning.xx + r;
-            const PairGain<S> steered = measure(turning, r);
+            const S y = innovation - turn, r_doubted = r_course * f + (f - S(1)) * turning.xx, s_course = turning.xx + r_doubted;
+            const PairGain<S> steered = measure(turning, r_doubted);
             recorder.turned(steered, s_course, y);
             turn = turn + steered.x * y;
             turn_bias = turn_bias + steered.b * y;
