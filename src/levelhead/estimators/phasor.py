@@ -9,6 +9,7 @@ from typing import Any, Self
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.params import FilterParams, Initial
+from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress, events_of, finish, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import PhasorF64
@@ -85,6 +86,7 @@ def estimate_phasor(
     data: SensorData, params: PhasorParams, initial: Initial | None, progress: Progress | None = None
 ) -> Result:
     """Run the phasor filter over a whole log (see `levelhead.estimate`)."""
+    params = at_place(params, data)
     stream = Phasor(params, initial=initial)
     trace = run(stream, data, progress, with_sigma=True)
     return finish(data, trace, stream, method="phasor", params=params)
