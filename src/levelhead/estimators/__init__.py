@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from levelhead.estimators.base import Result
+from levelhead.estimators.ekf import EkfParams, estimate_ekf
 from levelhead.estimators.observer import ObserverParams, estimate_observer
 from levelhead.estimators.params import MethodParams
 from levelhead.estimators.two_stage import TwoStageParams, estimate_two_stage
@@ -22,5 +23,6 @@ class Method:
 METHODS: dict[str, Method] = {
     "observer": Method(params=ObserverParams, run=estimate_observer),
     "two-stage": Method(params=TwoStageParams, run=estimate_two_stage),
+    "ekf": Method(params=EkfParams, run=estimate_ekf),
 }
 """Every method of `levelhead.estimate`, by name."""

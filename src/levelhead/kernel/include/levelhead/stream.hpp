@@ -103,7 +103,7 @@ struct Stream {
     }
 
   private:
-    double longest() const { return Estimator::longest(params); }
+    double longest() const { return estimator.longest(params); }
     static bool finite(double x) { return x * 0.0 == 0.0; }
     static bool finite(const Vec3<S>& v) { return (v.x * S(0) + v.y * S(0)) + v.z * S(0) == S(0); }
 
@@ -132,7 +132,7 @@ struct Stream {
         const double t = pending_time;
         const bool first = !(epoch_time > no_time);
         const double length = first ? 0.0 : t - epoch_time;
-        if (length > longest()) note(events[S_COAST], t);
+        if (length > max_interval || length > longest()) note(events[S_COAST], t);
         const bool usable = !first && !broken && length <= longest();
         const Interval<S> i = estimator.epoch(params, {S(length), usable, pending_velocity, pending_std});
         if (!any(i.waiting > S(0.5))) {
