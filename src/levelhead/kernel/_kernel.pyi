@@ -99,6 +99,29 @@ class _TwoStage(_FixedGain):
         accel_bias: _Vector = ...,
     ) -> None: ...
 
+class _Ekf(_Stream):
+    def __new__(cls, *args: object, **kwargs: object) -> Self: ...
+    def __init__(
+        self,
+        blob: bytes = ...,
+        *,
+        min_course_speed: float = ...,
+        gravity: float = ...,
+        lever_arm: _Vector = ...,
+        gyro_noise: float = ...,
+        accel_noise: float = ...,
+        gyro_bias_walk: float = ...,
+        accel_bias_walk: float = ...,
+        velocity_std: float = ...,
+        initial_gyro_bias_std: float = ...,
+        initial_accel_bias_std: float = ...,
+        latitude: float = ...,
+        gyro_bias: _Vector = ...,
+        accel_bias: _Vector = ...,
+    ) -> None: ...
+    @property
+    def covariance(self) -> FloatArray: ...
+
 class ObserverF64(_Observer): ...
 class ObserverF32(_Observer): ...
 class TwoStageF64(_TwoStage): ...
@@ -194,3 +217,6 @@ class SmootherF64:
     def vertical_axis(self) -> int: ...
     @property
     def innovation_ratio(self) -> float: ...
+
+class EkfF64(_Ekf): ...
+class EkfF32(_Ekf): ...
