@@ -10,6 +10,7 @@ from levelhead.estimators import METHODS
 from levelhead.estimators.base import Result, SensorData
 from levelhead.estimators.likelihood import fit_noise
 from levelhead.estimators.params import FilterParams, Initial, MethodParams
+from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress
 from levelhead.events import Event, merge_events
 from levelhead.logs.derive import velocity_from_position
@@ -72,8 +73,11 @@ def estimate(
         constants = replace(constants, lever_arm=lever_arm)
     data = log if log.velocity_ned is not None else velocity_from_position(log)
     found: tuple[Event, ...] = ()
-    if params is None and isinstance(constants, FilterParams):
-        constants, found = with_noise_of(data, constants)
+    if isinstance(constants, FilterParams):
+        if log.meta.get("earth_rotation", True):  # a simulated Earth may stand still
+            constants = at_place(constants, data)
+        if params is None:
+            constants, found = with_noise_of(data, constants)
     result = chosen.run(data, constants, initial, progress)
     return replace(result, log_info=log.describe(), events=merge_events((*data.events, *result.events, *found)))
 

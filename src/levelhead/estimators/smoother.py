@@ -6,7 +6,6 @@ from levelhead.estimators.base import Result, SensorData
 from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import Initial
 from levelhead.estimators.phasor import PhasorParams
-from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress, run
 from levelhead.kernel._kernel import SmootherF64
 
@@ -15,7 +14,7 @@ def estimate_smoother(
     data: SensorData, params: PhasorParams, initial: Initial | None, progress: Progress | None = None
 ) -> Result:
     """Smooth a whole log (see `levelhead.estimate`): every estimate rests on what came before it and after it."""
-    params, start = at_place(params, data), initial or Initial()
+    start = initial or Initial()
     smoother = SmootherF64(**params.kernel_arguments(), gyro_bias=start.gyro_bias, accel_bias=start.accel_bias)
     trace = run(smoother, data, progress, with_sigma=True)
     smoother.retrace(
