@@ -7,7 +7,7 @@ from dataclasses import replace
 from levelhead.errors import UsageError
 from levelhead.estimators import METHODS
 from levelhead.estimators.base import Result
-from levelhead.estimators.params import Initial, MethodParams
+from levelhead.estimators.params import Initial, MethodParams, NoiseParams
 from levelhead.estimators.streaming import Progress
 from levelhead.events import merge_events
 from levelhead.logs.derive import velocity_from_position
@@ -24,6 +24,7 @@ def estimate(
     initial: Initial | None = None,
     lever_arm: tuple[float, float, float] | None = None,
     progress: Progress | None = None,
+    noise: NoiseParams | None = None,
 ) -> Result:
     """Estimate the sensor biases and the attitude over a whole log.
 
@@ -41,6 +42,9 @@ def estimate(
         From the IMU to the GNSS antenna, body axes, m; takes the place of the one in `params`.
     progress : callable, optional
         Called with the fraction done.
+    noise : NoiseParams, optional
+        What is random in the sensors, from which "observer" and "two-stage" tell how sure they are; their estimates do
+        not depend on it. The other methods have it in `params`.
 
     Returns
     -------
@@ -64,6 +68,11 @@ def estimate(
         )
     if lever_arm is not None:
         constants = replace(constants, lever_arm=lever_arm)
+    if noise is not None and not chosen.takes_noise:
+        raise UsageError(
+            f"The method {method!r} has its noise in params; pass {chosen.params.__name__} instead of noise."
+        )
+    extra = {"noise": noise} if chosen.takes_noise else {}
     data = log if log.velocity_ned is not None else velocity_from_position(log)
-    result = chosen.run(data, constants, initial, progress)
+    result = chosen.run(data, constants, initial, progress, **extra)
     return replace(result, log_info=log.describe(), events=merge_events((*data.events, *result.events)))

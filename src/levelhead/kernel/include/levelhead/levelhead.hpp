@@ -4,6 +4,7 @@
 #ifndef LEVELHEAD_LEVELHEAD_HPP
 #define LEVELHEAD_LEVELHEAD_HPP
 
+#include "covariance.hpp"
 #include "observer.hpp"
 #include "stream.hpp"
 #include "two_stage.hpp"
