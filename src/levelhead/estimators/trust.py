@@ -52,6 +52,16 @@ def wander(time: FloatArray, estimate: FloatArray) -> FloatArray:
     return half
 
 
+def _sliding(extreme: np.ufunc, values: FloatArray, window: int) -> FloatArray:
+    """Return the extreme of every `window` rows in a row, from those of 1, 2, 4... rows."""
+    count, width, out = values.shape[0] - window + 1, 1, values
+    while 2 * width <= window:
+        out = extreme(out[:-width], out[width:])
+        width *= 2
+    both: FloatArray = extreme(out[:count], out[window - width : window - width + count])
+    return both
+
+
 def widened(time: FloatArray, estimate: FloatArray, sigma: FloatArray) -> FloatArray:
     """Return the sigmas (n, 3), not smaller than the estimates' own later movements allow.
 
@@ -66,8 +76,7 @@ def widened(time: FloatArray, estimate: FloatArray, sigma: FloatArray) -> FloatA
     seconds = np.searchsorted(time, np.arange(time[0], time[-1], 1.0))
     coarse = estimate[seconds]
     window = min(int(WATCHED), coarse.shape[0])
-    views = np.lib.stride_tricks.sliding_window_view(coarse, window, axis=0)
-    half = 0.5 * (views.max(axis=-1) - views.min(axis=-1))
+    half = 0.5 * (_sliding(np.maximum, coarse, window) - _sliding(np.minimum, coarse, window))
     row = np.minimum((time - time[0]).astype(np.int64), half.shape[0] - 1)
     out = np.empty_like(sigma)
     for axis in range(sigma.shape[1]):

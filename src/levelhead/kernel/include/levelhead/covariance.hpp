@@ -37,15 +37,15 @@ struct Moments {
 
     // x_i <- sum of c_j x_j, the only thing that ever happens to errors in a linear loop.
     void combine(int i, const Complex<S> (&c)[N]) {
-        Complex<S> row[N];
+        Complex<S> row[N] = {};
         Complex<S> value{S(0), S(0)};
         S own = S(0);
-        for (int k = 0; k < N; ++k) {
-            row[k] = {S(0), S(0)};
-            for (int j = 0; j < N; ++j) row[k] = row[k] + c[j] * p[j][k];
-            own = own + (row[k] * conj(c[k])).re;
-            value = value + c[k] * mean[k];
+        for (int j = 0; j < N; ++j) {
+            if (c[j].re == S(0) && c[j].im == S(0)) continue;  // most are
+            for (int k = 0; k < N; ++k) row[k] = row[k] + c[j] * p[j][k];
+            value = value + c[j] * mean[j];
         }
+        for (int k = 0; k < N; ++k) own = own + inner(row[k], c[k]);
         for (int k = 0; k < N; ++k) {
             p[i][k] = row[k];
             p[k][i] = conj(row[k]);
