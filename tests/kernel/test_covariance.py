@@ -37,7 +37,7 @@ def drive(seed: int, count: int = 300) -> Epochs:
     column["steered"][:] = column["level"] * (rng.uniform(size=count) < 0.8)
     column["speed"][:] = 3.0
     column["velocity_std"][:] = rng.choice([0.03, 0.1, np.nan], count)
-    column["vertical"][:] = -0.2
+    column["amiss_d"][:] = -0.2
     tilt = 0.1 * np.column_stack([np.sin(np.arange(count) / 9.0), np.cos(np.arange(count) / 7.0)])
     column["down_x"][:], column["down_y"][:] = tilt.T
     column["down_z"][:] = np.sqrt(1.0 - (tilt**2).sum(axis=1))

@@ -17,7 +17,7 @@ from levelhead.estimators.params import NoiseParams
 
 EPOCH_COLUMNS: Final = (
     *("time", "length", "turn", "learn", "level", "aligned", "heading_known", "steered", "speed", "velocity_std"),
-    *("vertical", "down_x", "down_y", "down_z"),
+    *("amiss_n", "amiss_e", "amiss_d", "down_x", "down_y", "down_z"),
 )
 """What the kernel records of a closed interval: the row of `put_epoch` in the binding."""
 
@@ -28,10 +28,10 @@ class Epochs:
 
     Attributes
     ----------
-    rows : ndarray, shape (m, 14)
+    rows : ndarray, shape (m, 16)
         Columns as in `EPOCH_COLUMNS`: end (s), length (s), turn (rad), share that the level biases learn, flags (loop
-        closed, aligned, heading known, heading steered), speed and its sigma (m/s), the acceleration that is amiss
-        along down (m/s^2), down in body axes.
+        closed, aligned, heading known, heading steered), speed and its sigma (m/s), GNSS less platform
+        acceleration (NED, m/s^2), down in body axes.
     """
 
     rows: FloatArray
@@ -43,7 +43,7 @@ class Epochs:
     @property
     def down(self) -> FloatArray:
         """Down in body axes (m, 3), from the mean attitude of each interval."""
-        return self.rows[:, 11:14]
+        return self.rows[:, 13:16]
 
     @property
     def mean_down(self) -> FloatArray:
@@ -59,7 +59,7 @@ class Epochs:
         if not taught.any():
             return float("nan")
         length = self["length"][taught]
-        return float(-(self["vertical"][taught] @ length) / length.sum())
+        return float(-(self["amiss_d"][taught] @ length) / length.sum())
 
 
 @dataclass(kw_only=True)

@@ -8,7 +8,7 @@
 #include "levelhead/platform.hpp"
 
 // The order is that of `Epochs` in estimators/uncertainty.py.
-constexpr size_t epoch_columns = 14;
+constexpr size_t epoch_columns = 16;
 using EpochsOut = nanobind::ndarray<double, nanobind::shape<-1, epoch_columns>, nanobind::c_contig, nanobind::device::cpu>;
 
 template <class S>
@@ -16,7 +16,7 @@ void put_epoch(double* row, double time, const levelhead::Interval<S>& i) {
     const double values[epoch_columns] = {
         time,           double(i.length),  double(i.turn),          double(i.learn),       double(i.level),
         double(i.aligned), double(i.heading_known), double(i.steered), double(i.speed), double(i.velocity_std),
-        double(i.vertical), double(i.down_body.x), double(i.down_body.y), double(i.down_body.z)};
+        double(i.amiss.x), double(i.amiss.y), double(i.amiss.z), double(i.down_body.x), double(i.down_body.y), double(i.down_body.z)};
     for (size_t k = 0; k < epoch_columns; ++k) row[k] = values[k];
 }
 

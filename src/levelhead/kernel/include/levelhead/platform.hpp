@@ -61,7 +61,7 @@ struct Interval {
     // What the uncertainty of the estimates needs besides:
     S turn;                     // integral of the vertical angular rate, rad
     S speed, velocity_std;      // horizontal, of the fix at its end, m/s; NaN where the fix has no sigma
-    S vertical;                 // GNSS less platform acceleration along down: minus the vertical accelerometer bias, m/s^2
+    Vec3<S> amiss;              // GNSS less platform acceleration, NED; down: minus the vertical accelerometer bias, m/s^2
     S level;                    // 1 where the loop was closed and w_p set, else 0
     S aligned, heading_known;   // 1 from the epoch on that made it so, else 0
 };
@@ -236,7 +236,7 @@ Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, cons
     out.turn = p.turn;
     out.speed = square_root(e.speed2);
     out.velocity_std = horizontal_std(fix.std);
-    out.vertical = d.z;
+    out.amiss = d;
     out.level = select(level, S(1), S(0));
     out.aligned = p.aligned;
     out.heading_known = p.heading_known;
