@@ -32,8 +32,9 @@ def estimate(
     log : Log
         The drive. A log with positions only has its velocities derived from them first; the result says so.
     method : str
-        "observer" (Tereshkov 2015) or "two-stage" (Tereshkov 2013).
-    params : ObserverParams or TwoStageParams, optional
+        "observer" (Tereshkov 2015), "two-stage" (Tereshkov 2013), or a baseline to compare them with: "ekf" (Kalman
+        filter with 15 states), "mahony" (complementary filter).
+    params : ObserverParams, TwoStageParams, EkfParams or MahonyParams, optional
         The method's constants; defaults where absent.
     initial : Initial, optional
         Biases to start from.

@@ -55,7 +55,9 @@ def _build(kind: type[MethodParams], values: dict[str, object], path: Path) -> M
         # What is open by default (None) is a number when it is given.
         number = isinstance(wanted, float | None) and isinstance(value, int | float) and not isinstance(value, bool)
         if not number and type(value) is not type(wanted):
-            raise UsageError(f"{name} in {path} is {value!r}; pass a {'float' if wanted is None else type(wanted).__name__}.")
+            raise UsageError(
+                f"{name} in {path} is {value!r}; pass a {'float' if wanted is None else type(wanted).__name__}."
+            )
     object_values = {field.name: values.get(field.name, getattr(defaults, field.name)) for field in fields(kind)}
     made: MethodParams = kind.from_dict(object_values)
     return made

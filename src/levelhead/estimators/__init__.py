@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from levelhead.estimators.base import Result
 from levelhead.estimators.ekf import EkfParams, estimate_ekf
+from levelhead.estimators.mahony import MahonyParams, estimate_mahony
 from levelhead.estimators.observer import ObserverParams, estimate_observer
 from levelhead.estimators.params import MethodParams
 from levelhead.estimators.two_stage import TwoStageParams, estimate_two_stage
@@ -24,5 +25,6 @@ METHODS: dict[str, Method] = {
     "observer": Method(params=ObserverParams, run=estimate_observer),
     "two-stage": Method(params=TwoStageParams, run=estimate_two_stage),
     "ekf": Method(params=EkfParams, run=estimate_ekf),
+    "mahony": Method(params=MahonyParams, run=estimate_mahony),
 }
 """Every method of `levelhead.estimate`, by name."""

@@ -376,6 +376,23 @@ void bind_ekf(nb::module_& m, const char* name) {
     }, "Covariance (15, 15) of the errors of position, velocity (NED), attitude (NED rotation vector), gyro and accel bias.");
 }
 
+template <class S>
+void bind_mahony(nb::module_& m, const char* name) {
+    auto c = bind_stream<Mahony<S>>(m, name, 4);
+    bind_residual(c);
+    c.def(
+        "__init__",
+        [](Stream<Mahony<S>>* self, double tau, double tau_heading, double min_course_speed, double gravity, nb::handle lever_arm,
+           double tau_gyro, bool use_gnss_acceleration, nb::handle gyro_bias, nb::handle accel_bias) {
+            MahonyParams<S> k{platform_params<S>(tau, tau_heading, min_course_speed, gravity, lever_arm), S(tau_gyro),
+                              use_gnss_acceleration ? 1u : 0u};
+            new (self) Stream<Mahony<S>>(
+                Stream<Mahony<S>>::make(k, vec3<S>(gyro_bias, "gyro_bias"), vec3<S>(accel_bias, "accel_bias")));
+        },
+        nb::kw_only(), "tau"_a, "tau_heading"_a, "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "tau_gyro"_a,
+        "use_gnss_acceleration"_a, "gyro_bias"_a, "accel_bias"_a);
+}
+
 }  // namespace
 
 NB_MODULE(_kernel, m) {
@@ -386,5 +403,7 @@ NB_MODULE(_kernel, m) {
     bind_two_stage<float>(m, "TwoStageF32");
     bind_ekf<double>(m, "EkfF64");
     bind_ekf<float>(m, "EkfF32");
+    bind_mahony<double>(m, "MahonyF64");
+    bind_mahony<float>(m, "MahonyF32");
     m.attr("DEFAULT_GRAVITY") = standard_gravity;
 }

@@ -5,6 +5,7 @@
 #define LEVELHEAD_LEVELHEAD_HPP
 
 #include "ekf.hpp"
+#include "mahony.hpp"
 #include "observer.hpp"
 #include "stream.hpp"
 #include "two_stage.hpp"
