@@ -36,34 +36,56 @@ PlatformParams<S> platform() {
     return {S(4), S(4), S(1), S(standard_gravity), {S(0), S(0), S(0)}};
 }
 
-// Usage: kernel_loop FILE SAMPLES EVERY ROUNDS; FILE holds time, gyro, accel, velocity as doubles.
+// One loop: its name on the command line, and what runs it.
+struct Loop {
+    const char* name;
+    void (*run)(const double* t, const double* gyro, const double* accel, const double* velocity, long n, long every, double out[6]);
+};
+
+template <class S>
+PhasorParams<S> phasor() {
+    const S degree = S(pi / 180);
+    const PhasorNoise<S> noise = {S(0.5) * S(0.01) * degree * S(0.01) * degree, S(1e-4), S(4e-12), S(4e-8)};
+    return {platform<S>(), noise, S(0.03), S(0.5) * degree, S(0.5), S(0.5) * degree, S(0.3), S(0.8), S(0)};
+}
+
+const Loop loops[] = {
+    {"hand-written C, double", hand_loop},
+    {"observer, double", [](auto... log) { kernel_loop<Observer<double>>({platform<double>(), 40.0, pi / 4, 0}, log...); }},
+    {"observer, float", [](auto... log) { kernel_loop<Observer<float>>({platform<float>(), 40.0f, float(pi / 4), 0}, log...); }},
+    {"two-stage, double", [](auto... log) { kernel_loop<TwoStage<double>>({platform<double>(), 40.0, 40.0, 0.035, 0.14, 1}, log...); }},
+    {"phasor, double", [](auto... log) { kernel_loop<Phasor<double>>(phasor<double>(), log...); }},
+    {"phasor, float", [](auto... log) { kernel_loop<Phasor<float>>(phasor<float>(), log...); }},
+};
+constexpr int loop_count = int(sizeof loops / sizeof loops[0]);
+
+// Usage: kernel_loop FILE SAMPLES EVERY ROUNDS [LOOP]; FILE holds time, gyro, accel, velocity as doubles. LOOP is the number
+// of the only one to run, for a counter of instructions.
 int main(int argc, char** argv) {
-    if (argc != 5) return 2;
+    if (argc < 5) return 2;
     const long n = atol(argv[2]), every = atol(argv[3]), rounds = atol(argv[4]), m = (n + every - 1) / every;
+    const int first = argc > 5 ? atoi(argv[5]) : 0, last = argc > 5 ? first + 1 : loop_count;
+    if (first < -1 || last > loop_count) return 2;
     double* data = static_cast<double*>(malloc(sizeof(double) * size_t(7 * n + 3 * m)));
     FILE* file = fopen(argv[1], "rb");
-    if (!file || fread(data, sizeof(double), size_t(7 * n + 3 * m), file) != size_t(7 * n + 3 * m)) return 3;
+    if (!data || !file || fread(data, sizeof(double), size_t(7 * n + 3 * m), file) != size_t(7 * n + 3 * m)) return 3;
     fclose(file);
     const double *t = data, *gyro = t + n, *accel = gyro + 3 * n, *velocity = accel + 3 * n;
-    const ObserverParams<double> od = {platform<double>(), 40.0, pi / 4, 0};
-    const ObserverParams<float> of = {platform<float>(), 40.0f, float(pi / 4), 0};
-    const TwoStageParams<double> td = {platform<double>(), 40.0, 40.0, 0.035, 0.14, 1};
-    double out[4][6];
-    for (long r = 0; r < rounds; ++r) {
-        const double t0 = now();
-        hand_loop(t, gyro, accel, velocity, n, every, out[0]);
-        const double t1 = now();
-        kernel_loop<Observer<double>>(od, t, gyro, accel, velocity, n, every, out[1]);
-        const double t2 = now();
-        kernel_loop<Observer<float>>(of, t, gyro, accel, velocity, n, every, out[2]);
-        const double t3 = now();
-        kernel_loop<TwoStage<double>>(td, t, gyro, accel, velocity, n, every, out[3]);
-        const double t4 = now();
-        printf("time %.3f %.3f %.3f %.3f\n", (t1 - t0) / double(n) * 1e9, (t2 - t1) / double(n) * 1e9,
-               (t3 - t2) / double(n) * 1e9, (t4 - t3) / double(n) * 1e9);
+    double out[6], nanoseconds[loop_count] = {};
+    for (int i = first < 0 ? last : first; i < last; ++i) {
+        printf("name %s\n", loops[i].name);
     }
-    for (int i = 0; i < 4; ++i)
-        printf("bias %.9f %.9f %.9f %.9f\n", out[i][0], out[i][1], out[i][3], out[i][4]);
+    for (long r = 0; r < rounds; ++r) {
+        for (int i = first < 0 ? last : first; i < last; ++i) {
+            const double begin = now();
+            loops[i].run(t, gyro, accel, velocity, n, every, out);
+            nanoseconds[i] = (now() - begin) / double(n) * 1e9;
+            if (r == 0) printf("bias %.9f %.9f %.9f %.9f\n", out[0], out[1], out[3], out[4]);
+        }
+        printf("time");
+        for (int i = first < 0 ? last : first; i < last; ++i) printf(" %.3f", nanoseconds[i]);
+        printf("\n");
+    }
     free(data);
     return 0;
 }

@@ -23,6 +23,7 @@ from levelhead.estimators.ekf import Ekf, EkfParams
 from levelhead.estimators.mahony import Mahony, MahonyParams
 from levelhead.estimators.observer import Observer, ObserverParams
 from levelhead.estimators.params import Initial
+from levelhead.estimators.phasor import Phasor, PhasorParams
 from levelhead.estimators.two_stage import TwoStage, TwoStageParams
 from levelhead.events import Event
 from levelhead.kernel import get_include
@@ -45,6 +46,8 @@ __all__ = [
     "Observer",
     "ObserverParams",
     "OutputError",
+    "Phasor",
+    "PhasorParams",
     "Result",
     "SensorModel",
     "Status",

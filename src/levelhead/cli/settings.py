@@ -12,8 +12,8 @@ from levelhead.estimators import METHODS
 from levelhead.estimators.params import MethodParams
 
 
-def load_params(method: str, path: Path | None) -> MethodParams:
-    """Return a method's parameters, from a file where one is given.
+def load_params(method: str, path: Path | None) -> MethodParams | None:
+    """Return a method's parameters from a file; None without one.
 
     The file holds the parameters by name, at the top or in a table named after the method; angles may be given in
     degrees with the suffix ``_deg`` or ``_deg_s`` (``omega_accel_deg_s = 45``).
@@ -27,7 +27,7 @@ def load_params(method: str, path: Path | None) -> MethodParams:
         raise UsageError(f"There is no method {method!r}; choose one of {', '.join(METHODS)}.")
     kind = METHODS[method].params
     if path is None:
-        return kind()
+        return None
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

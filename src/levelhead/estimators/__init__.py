@@ -10,6 +10,8 @@ from levelhead.estimators.ekf import EkfParams, estimate_ekf
 from levelhead.estimators.mahony import MahonyParams, estimate_mahony
 from levelhead.estimators.observer import ObserverParams, estimate_observer
 from levelhead.estimators.params import MethodParams
+from levelhead.estimators.phasor import PhasorParams, estimate_phasor
+from levelhead.estimators.smoother import estimate_smoother
 from levelhead.estimators.two_stage import TwoStageParams, estimate_two_stage
 
 
@@ -24,6 +26,8 @@ class Method:
 METHODS: dict[str, Method] = {
     "observer": Method(params=ObserverParams, run=estimate_observer),
     "two-stage": Method(params=TwoStageParams, run=estimate_two_stage),
+    "phasor": Method(params=PhasorParams, run=estimate_phasor),
+    "smoother": Method(params=PhasorParams, run=estimate_smoother),
     "ekf": Method(params=EkfParams, run=estimate_ekf),
     "mahony": Method(params=MahonyParams, run=estimate_mahony),
 }

@@ -8,8 +8,9 @@ from typing import Any, Self
 
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
-from levelhead.estimators.finishing import finish_filtered, with_latitude
+from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import FilterParams, Initial
+from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress, events_of, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import EkfF64
@@ -69,7 +70,7 @@ def estimate_ekf(
     data: SensorData, params: EkfParams, initial: Initial | None, progress: Progress | None = None
 ) -> Result:
     """Run the Kalman filter over a whole log (see `levelhead.estimate`)."""
-    located = with_latitude(params, data)
+    located = at_place(params, data)
     stream = Ekf(located, initial=initial)
     trace = run(stream, data, progress, with_sigma=True)
     return finish_filtered(data, trace, stream, method="ekf", params=located)

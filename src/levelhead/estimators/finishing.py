@@ -1,10 +1,9 @@
-"""What methods with a covariance share: the latitude from the log, and how their own sigma says what is known."""
+"""What methods with a covariance share: their own sigma says what is known."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 
@@ -21,16 +20,6 @@ KNOWN_ACCEL_STD: Final = 0.02
 """The same for the accelerometer, m/s^2."""
 LEARNT: Final = 0.5
 """What is known has at most this part of its initial sigma left: a prior alone is no knowledge of this drive."""
-
-Params = TypeVar("Params", bound=FilterParams)
-
-
-def with_latitude(params: Params, data: SensorData) -> Params:
-    """Return the parameters with the log's median latitude, where they leave it open and the log has positions."""
-    if params.latitude is not None or data.position_llh is None:
-        return params
-    latitude = data.position_llh[np.isfinite(data.position_llh).all(axis=1), 0]
-    return params if latitude.size == 0 else replace(params, latitude=float(np.median(latitude)))
 
 
 def _known(sigma: FloatArray, limit: float, prior: float) -> Flags:

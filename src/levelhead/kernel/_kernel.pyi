@@ -143,6 +143,98 @@ class ObserverF64(_Observer): ...
 class ObserverF32(_Observer): ...
 class TwoStageF64(_TwoStage): ...
 class TwoStageF32(_TwoStage): ...
+
+class _Phasor(_Stream):
+    def __new__(cls, *args: object, **kwargs: object) -> Self: ...
+    def __init__(
+        self,
+        blob: bytes = ...,
+        *,
+        min_course_speed: float = ...,
+        gravity: float = ...,
+        lever_arm: _Vector = ...,
+        gyro_noise: float = ...,
+        accel_noise: float = ...,
+        gyro_bias_walk: float = ...,
+        accel_bias_walk: float = ...,
+        velocity_std: float = ...,
+        sideslip_std: float = ...,
+        axle_std: float = ...,
+        initial_gyro_bias_std: float = ...,
+        initial_accel_bias_std: float = ...,
+        latitude: float | None = ...,
+        gravity_std: float = ...,
+        gyro_bias: _Vector = ...,
+        accel_bias: _Vector = ...,
+    ) -> None: ...
+    @property
+    def innovation_ratio(self) -> float: ...
+
+class PhasorF64(_Phasor): ...
+class PhasorF32(_Phasor): ...
+
+class SmootherF64:
+    def __init__(
+        self,
+        *,
+        min_course_speed: float = ...,
+        gravity: float = ...,
+        lever_arm: _Vector = ...,
+        gyro_noise: float = ...,
+        accel_noise: float = ...,
+        gyro_bias_walk: float = ...,
+        accel_bias_walk: float = ...,
+        velocity_std: float = ...,
+        sideslip_std: float = ...,
+        axle_std: float = ...,
+        initial_gyro_bias_std: float = ...,
+        initial_accel_bias_std: float = ...,
+        latitude: float | None = ...,
+        gravity_std: float = ...,
+        gyro_bias: _Vector = ...,
+        accel_bias: _Vector = ...,
+    ) -> None: ...
+    def run(
+        self,
+        time: FloatArray,
+        gyro: FloatArray,
+        accel: FloatArray,
+        gnss_time: FloatArray,
+        velocity_ned: FloatArray,
+        velocity_std: FloatArray,
+        gyro_bias: FloatArray,
+        accel_bias: FloatArray,
+        attitude: FloatArray,
+        velocity: FloatArray,
+        status: StatusArray,
+        gyro_bias_std: FloatArray,
+        accel_bias_std: FloatArray,
+        attitude_std: FloatArray,
+        /,
+    ) -> int: ...
+    def retrace(
+        self,
+        time: FloatArray,
+        gyro: FloatArray,
+        accel: FloatArray,
+        gyro_bias: FloatArray,
+        accel_bias: FloatArray,
+        attitude: FloatArray,
+        velocity: FloatArray,
+        gyro_bias_std: FloatArray,
+        accel_bias_std: FloatArray,
+        attitude_std: FloatArray,
+        /,
+    ) -> None: ...
+    @property
+    def log_likelihood(self) -> float: ...
+    @property
+    def raw_events(self) -> list[tuple[str, int, float, float]]: ...
+    @property
+    def vertical_axis(self) -> int: ...
+    @property
+    def innovation_ratio(self) -> float: ...
+
 class EkfF64(_Ekf): ...
 class EkfF32(_Ekf): ...
 class MahonyF64(_Mahony): ...

@@ -23,10 +23,6 @@ struct EkfParams {
 // Where each error lies in the state vector; error = estimate - truth, attitude as C_hat = (I + [theta x]) C.
 enum EkfState : int { ekf_position = 0, ekf_velocity = 3, ekf_attitude = 6, ekf_gyro_bias = 9, ekf_accel_bias = 12, ekf_states = 15 };
 
-// An IMU gap hides motion: half of what the readings changed across it, and this much more.
-constexpr double gap_rate = 0.01;   // rad/s
-constexpr double gap_accel = 0.2;   // m/s^2
-
 template <class S, int N>
 void multiply(const S (&a)[N][N], const S (&b)[N][N], S (&out)[N][N]) {
     for (int i = 0; i < N; ++i) {
@@ -101,10 +97,9 @@ struct Ekf {
     }
 
     void bridged(S gap, const Vec3<S>& gyro_change, const Vec3<S>& accel_change) {
-        const S angle = (norm(gyro_change) * S(0.5) + S(gap_rate)) * gap;
-        const S speed = (norm(accel_change) * S(0.5) + S(gap_accel)) * gap;
-        add_diagonal(ekf_attitude, angle * angle);
-        add_diagonal(ekf_velocity, speed * speed);
+        const HiddenMotion<S> hidden = hidden_motion(gap, gyro_change, accel_change);
+        add_diagonal(ekf_attitude, hidden.tilt);
+        add_diagonal(ekf_velocity, hidden.velocity);
     }
 
     void tick(const Params&) {}

@@ -7,6 +7,9 @@
 #include "ekf.hpp"
 #include "mahony.hpp"
 #include "observer.hpp"
+#include "phasor.hpp"
+#include "retrace.hpp"
+#include "smoother.hpp"
 #include "stream.hpp"
 #include "two_stage.hpp"
 

@@ -1,0 +1,279 @@
+// The phasor smoother: the forward filter leaves one record per epoch, a backward pass over the records tells what the
+// future knew about each of them (modified Bryson-Frazier: no matrix is inverted), and a last pass integrates the readings
+// between the smoothed epochs. The caller owns all memory. docs/theory/phasor.md
+#ifndef LEVELHEAD_SMOOTHER_HPP
+#define LEVELHEAD_SMOOTHER_HPP
+
+#include "phasor.hpp"
+
+namespace levelhead {
+
+template <class S>
+struct PairStep {
+    S keep;           // 1: the integral state went on over the interval; 0: it began anew
+    S variance, error;  // of the innovation; variance 0: nothing was measured
+    PairGain<S> gain;
+    PairCovariance<S> covariance;  // afterwards
+};
+
+// The heading's part of a record besides.
+template <class S>
+struct HeadingStep {
+    Complex<S> push;            // of a heading error on the velocity
+    HeadingGain<S> told;        // by the velocity
+    S variance;                 // of that innovation along `told.seen`
+    PhasorVector<S> share;      // of the heading error in the four, afterwards
+};
+
+// What the forward filter did at one epoch: how the errors moved there, what was measured, and where it then stood.
+template <class S>
+struct SmootherRecord {
+    double time;
+    S length;
+    bool fresh;  // the attitude began anew: it is no continuation of the record before
+    Transition<S> moved;
+    S variance;  // of the velocity innovation; 0: nothing was measured
+    Complex<S> error;
+    PhasorVector<S> gain;
+    PhasorCovariance<S> covariance;
+    PairStep<S> turning, lifting;
+    HeadingStep<S> heading;
+    // The filter's own state, which the backward pass replaces by the smoothed one.
+    Dcm<S> dcm_body_to_ned;
+    Vec3<S> velocity_ned, gyro_bias, accel_bias;
+    Complex<S> azimuth;
+    Sigma<S> sigma;  // smoothed
+};
+
+// Collects a record from the forward filter's calls; `Sink::push(record)` keeps it.
+template <class S, class Sink>
+struct Recording {
+    Sink* sink;
+    const double* clock;
+    SmootherRecord<S> now;
+
+    template <class Filter>
+    void moved(const Filter&, const Transition<S>& f, const Complex<S>& push, S length, bool fresh) {
+        now = SmootherRecord<S>{};
+        now.moved = f;
+        now.heading.push = push;
+        now.length = length;
+        now.fresh = fresh;
+        now.turning.keep = fresh ? S(0) : S(1);
+        now.lifting.keep = norm2(f.nn) > S(0) ? S(1) : S(0);
+    }
+    void corrected(const PhasorVector<S>& gain, const HeadingGain<S>& aside, S variance, const Complex<S>& error) {
+        now.gain = gain;
+        now.heading.told = aside;
+        // x = xx / (variance + xx |seen|^2), so that the sum is variance / (1 - x |seen|^2).
+        now.heading.variance = variance / maximum(S(1) - aside.x * norm2(aside.seen), S(1e-6));
+        now.variance = variance;
+        now.error = error;
+    }
+    void turned(const PairGain<S>& gain, S variance, S error) { measured(now.turning, gain, variance, error); }
+    void lifted(const PairGain<S>& gain, S variance, S error) { measured(now.lifting, gain, variance, error); }
+    template <class Filter>
+    void done(const Filter& f) {
+        now.time = *clock;
+        now.covariance = f.horizontal;
+        now.turning.covariance = f.turning;
+        now.lifting.covariance = f.lifting;
+        now.heading.share = f.share;
+        now.dcm_body_to_ned = f.platform.dcm_body_to_ned;
+        now.velocity_ned = f.platform.velocity_ned;
+        now.gyro_bias = f.gyro_bias;
+        now.accel_bias = f.accel_bias;
+        now.azimuth = f.azimuth;
+        sink->push(now);
+    }
+
+  private:
+    static void measured(PairStep<S>& step, const PairGain<S>& gain, S variance, S error) {
+        step.gain = gain;
+        step.variance = variance;
+        step.error = error;
+    }
+};
+
+// What the future says against the filter's errors (the adjoint lambda): of the four, of heading and vertical gyro bias, of
+// vertical velocity and accelerometer bias.
+template <class S>
+struct Adjoint {
+    PhasorVector<S> x;
+    PairGain<S> turn, lift;
+};
+
+// Its variance M, as Hermitian as the covariance is; the coupling with the heading matters for the means only.
+template <class S>
+struct AdjointVariance {
+    PhasorCovariance<S> level;
+    PairCovariance<S> turn, lift;
+};
+
+template <class S>
+PhasorVector<S> times(const PhasorCovariance<S>& p, const PhasorVector<S>& x) {
+    return {x.n * p.nn + p.nt * x.t + p.ng * x.g + p.na * x.a,
+            conj(p.nt) * x.n + x.t * p.tt + p.tg * x.g + p.ta * x.a,
+            conj(p.ng) * x.n + conj(p.tg) * x.t + x.g * p.gg + p.ga * x.a,
+            conj(p.na) * x.n + conj(p.ta) * x.t + conj(p.ga) * x.g + x.a * p.aa};
+}
+
+// Back through a measurement: M <- (I - K H)^H M (I - K H) + H^H H / s.
+template <class S>
+void unmeasure(PhasorCovariance<S>& m, const PhasorVector<S>& gain, S variance) {
+    const PhasorVector<S> mk = times(m, gain);  // the gain's image; K^H M is its conjugate
+    const S w = S(1) / variance;
+    m.nn = m.nn - S(2) * mk.n.re + inner(gain, mk).re + w;
+    m.nt = m.nt - conj(mk.t);
+    m.ng = m.ng - conj(mk.g);
+    m.na = m.na - conj(mk.a);
+}
+
+// F^H lambda.
+template <class S>
+PhasorVector<S> transposed_times(const Transition<S>& f, const PhasorVector<S>& x) {
+    return {conj(f.nn) * x.n, conj(f.nt) * x.n + conj(f.tt) * x.t, conj(f.ng) * x.n + conj(f.tg) * x.t + x.g,
+            conj(f.na) * x.n + conj(f.ta) * x.t + x.a};
+}
+
+// Back through an interval: M <- F^H M F.
+template <class S>
+void unmove(PhasorCovariance<S>& out, const Transition<S>& f) {
+    const PhasorCovariance<S> m = out;
+    const Complex<S> gn = conj(m.ng), gt = conj(m.tg), an = conj(m.na), at = conj(m.ta);
+    // Rows n, t of M F (columns t, g, a), and M F's rows g, a where they are needed.
+    const Complex<S> nt = f.nt * m.nn + m.nt * f.tt, tt = conj(m.nt) * f.nt + f.tt * m.tt;
+    const Complex<S> ng = f.ng * m.nn + m.nt * f.tg + m.ng, tg = conj(m.nt) * f.ng + f.tg * m.tt + m.tg;
+    const Complex<S> na = f.na * m.nn + m.nt * f.ta + m.na, ta = conj(m.nt) * f.na + f.ta * m.tt + m.ta;
+    const Complex<S> gg = gn * f.ng + gt * f.tg + Complex<S>{m.gg, S(0)};
+    const Complex<S> ga = gn * f.na + gt * f.ta + m.ga;
+    const Complex<S> aa = an * f.na + at * f.ta + Complex<S>{m.aa, S(0)};
+    out.nn = norm2(f.nn) * m.nn;
+    out.nt = conj(f.nn) * nt;
+    out.ng = conj(f.nn) * ng;
+    out.na = conj(f.nn) * na;
+    out.tt = inner(nt, f.nt) + inner(tt, f.tt);
+    out.tg = conj(f.nt) * ng + conj(f.tt) * tg;
+    out.ta = conj(f.nt) * na + conj(f.tt) * ta;
+    out.gg = (conj(f.ng) * ng + conj(f.tg) * tg + gg).re;
+    out.ga = conj(f.ng) * na + conj(f.tg) * ta + ga;
+    out.aa = (conj(f.na) * na + conj(f.ta) * ta + aa).re;
+}
+
+// The smoothed variance of one component: P_ii - (P M P)_ii.
+template <class S>
+S smoothed_variance(const PhasorCovariance<S>& p, const PhasorCovariance<S>& m, const PhasorVector<S>& unit, S own) {
+    const PhasorVector<S> column = times(p, unit);
+    return maximum(own - inner(column, times(m, column)).re, S(0));
+}
+
+template <class S>
+void unmeasure(PairCovariance<S>& m, const PairGain<S>& k, S variance) {
+    const S mx = m.xx * k.x + m.xb * k.b, mb = m.xb * k.x + m.bb * k.b;
+    m.xx = m.xx - S(2) * mx + k.x * mx + k.b * mb + S(1) / variance;
+    m.xb = m.xb - mb;
+}
+
+template <class S>
+void unmove(PairCovariance<S>& m, S keep, S length) {
+    const S g = keep * length;
+    m.bb = m.bb + S(2) * g * m.xb + g * g * m.xx;
+    m.xb = keep * (m.xb + g * m.xx);
+    m.xx = keep * keep * m.xx;
+}
+
+// The smoothed variances of a pair: P - P M P.
+template <class S>
+PairGain<S> smoothed_variances(const PairCovariance<S>& p, const PairCovariance<S>& m) {
+    const auto left = [&](S px, S pb, S own) {
+        return maximum(own - (px * px * m.xx + S(2) * px * pb * m.xb + pb * pb * m.bb), S(0));
+    };
+    return {left(p.xx, p.xb, p.xx), left(p.xb, p.bb, p.bb)};
+}
+
+// Lambda back over one record: through its measurements in reverse order, then through the interval before it.
+template <class S>
+void step_back(Adjoint<S>& a, const SmootherRecord<S>& r) {
+    const HeadingStep<S>& h = r.heading;
+    // A turn of the platform takes the heading's share of the four with it.
+    if (r.turning.variance > S(0)) {
+        const PairGain<S>& k = r.turning.gain;
+        const S against = a.turn.x + inner(h.share, a.x).re;
+        a.turn.x = a.turn.x - (k.x * against + k.b * a.turn.b) - r.turning.error / r.turning.variance;
+    }
+    if (r.variance > S(0)) {
+        const S against = h.told.x * (a.turn.x + inner(h.share, a.x).re) + h.told.b * a.turn.b;
+        const Complex<S> weighed = (r.error - h.told.seen * (h.told.x * inner(h.told.seen, r.error))) * (S(1) / r.variance);
+        a.x.n = a.x.n - inner(r.gain, a.x) - h.told.seen * against - weighed;
+    }
+    if (r.lifting.variance > S(0)) {
+        const PairGain<S>& k = r.lifting.gain;
+        a.lift.x = a.lift.x - (k.x * a.lift.x + k.b * a.lift.b) - r.lifting.error / r.lifting.variance;
+    }
+    const S pushed = inner(h.push, a.x.n), keep = r.turning.keep;
+    a.turn.b = a.turn.b + keep * r.length * a.turn.x + S(0.5) * r.length * pushed;
+    a.turn.x = keep * a.turn.x + pushed;
+    a.lift.b = a.lift.b + r.lifting.keep * r.length * a.lift.x;
+    a.lift.x = r.lifting.keep * a.lift.x;
+    a.x = transposed_times(r.moved, a.x);
+}
+
+// Its variance likewise.
+template <class S>
+void step_back(AdjointVariance<S>& m, const SmootherRecord<S>& r) {
+    if (r.turning.variance > S(0)) unmeasure(m.turn, r.turning.gain, r.turning.variance);
+    if (r.variance > S(0)) {
+        unmeasure(m.level, r.gain, r.variance);
+        const HeadingGain<S>& k = r.heading.told;
+        const S seen = norm2(k.seen);
+        // To the heading, the velocity is one real measurement along `seen`.
+        if (k.x > S(0)) unmeasure(m.turn, PairGain<S>{k.x * seen, k.b * seen}, r.heading.variance / seen);
+    }
+    if (r.lifting.variance > S(0)) unmeasure(m.lift, r.lifting.gain, r.lifting.variance);
+    unmove(m.turn, r.turning.keep, r.length);
+    unmove(m.lift, r.lifting.keep, r.length);
+    unmove(m.level, r.moved);
+}
+
+// The smoothed state of one record: the filter's, less P lambda of everything.
+template <class S>
+void replace_by_smoothed(SmootherRecord<S>& r, const Adjoint<S>& a, const AdjointVariance<S>& m, S gravity_var) {
+    const PhasorVector<S>& share = r.heading.share;
+    const PairCovariance<S>&t = r.turning.covariance, &l = r.lifting.covariance;
+    const S against = a.turn.x + inner(share, a.x).re;
+    const S turn = t.xx * against + t.xb * a.turn.b, turn_bias = t.xb * against + t.bb * a.turn.b;
+    const PhasorVector<S> d = times(r.covariance, a.x) + share * turn;
+    const S lift = l.xx * a.lift.x + l.xb * a.lift.b, lift_bias = l.xb * a.lift.x + l.bb * a.lift.b;
+
+    const Complex<S> nu = r.azimuth * d.n, theta = r.azimuth * d.t, g = r.azimuth * d.g, b = r.azimuth * d.a;
+    r.gyro_bias = r.gyro_bias - transposed_times(r.dcm_body_to_ned, {g.re, g.im, turn_bias});
+    r.accel_bias = r.accel_bias - transposed_times(r.dcm_body_to_ned, {b.re, b.im, lift_bias});
+    r.velocity_ned = r.velocity_ned + Vec3<S>{nu.re, nu.im, lift};
+    // The heading may be off by any angle (before the first course), the tilt never is: two rotations, not one.
+    r.dcm_body_to_ned = turned_about_vertical(rotated_in_ned(r.dcm_body_to_ned, {theta.re, theta.im, S(0)}), turn);
+
+    const Complex<S> zero = {S(0), S(0)}, one = {S(1), S(0)};
+    const S tilt = smoothed_variance(r.covariance, m.level, {zero, one, zero, zero}, r.covariance.tt);
+    const S gyro = smoothed_variance(r.covariance, m.level, {zero, zero, one, zero}, r.covariance.gg);
+    const S accel = smoothed_variance(r.covariance, m.level, {zero, zero, zero, one}, r.covariance.aa);
+    const PairGain<S> turn_left = smoothed_variances(t, m.turn), lift_left = smoothed_variances(l, m.lift);
+    const S h = S(0.5) * turn_left.x;
+    r.sigma = level_sigma(r.dcm_body_to_ned.z, gyro + h * norm2(share.g), turn_left.b, accel + h * norm2(share.a),
+                          lift_left.b + gravity_var, tilt + h * norm2(share.t), turn_left.x);
+}
+
+// Replace the filter's state in each record by the smoothed one. Records in time order; `gravity_var` as in the filter.
+template <class S>
+void smooth(SmootherRecord<S>* records, long count, S gravity_var) {
+    Adjoint<S> a{};
+    AdjointVariance<S> m{};
+    for (long k = count - 1; k >= 0; --k) {
+        replace_by_smoothed(records[k], a, m, gravity_var);
+        step_back(a, records[k]);
+        step_back(m, records[k]);
+    }
+}
+
+}  // namespace levelhead
+
+#endif
