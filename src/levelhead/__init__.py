@@ -20,6 +20,7 @@ from levelhead.analysis.estimation import estimate
 from levelhead.errors import LevelheadError, LogError, OutputError, UsageError
 from levelhead.estimators.base import Result, Status
 from levelhead.estimators.ekf import Ekf, EkfParams
+from levelhead.estimators.mahony import Mahony, MahonyParams
 from levelhead.estimators.observer import Observer, ObserverParams
 from levelhead.estimators.params import Initial
 from levelhead.estimators.phasor import Phasor, PhasorParams
@@ -40,6 +41,8 @@ __all__ = [
     "LevelheadError",
     "Log",
     "LogError",
+    "Mahony",
+    "MahonyParams",
     "Observer",
     "ObserverParams",
     "OutputError",

@@ -17,6 +17,10 @@ template struct levelhead::Stream<levelhead::Observer<float>>;
 template struct levelhead::Stream<levelhead::Observer<double>>;
 template struct levelhead::Stream<levelhead::TwoStage<float>>;
 template struct levelhead::Stream<levelhead::TwoStage<double>>;
+template struct levelhead::Stream<levelhead::Ekf<float>>;
+template struct levelhead::Stream<levelhead::Ekf<double>>;
+template struct levelhead::Stream<levelhead::Mahony<float>>;
+template struct levelhead::Stream<levelhead::Mahony<double>>;
 """
 
 

@@ -1,8 +1,9 @@
-// The second half of the binding: the covariance recursion over recorded epochs. No mathematics here.
+// The binding of the covariance recursion over recorded epochs. No mathematics here.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
 #include "_epochs.hpp"
+#include "_modules.hpp"
 #include "levelhead/levelhead.hpp"
 
 namespace nb = nanobind;
