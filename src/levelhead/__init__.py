@@ -20,7 +20,7 @@ from levelhead.analysis.estimation import estimate
 from levelhead.errors import LevelheadError, LogError, OutputError, UsageError
 from levelhead.estimators.base import Result, Status
 from levelhead.estimators.observer import Observer, ObserverParams
-from levelhead.estimators.params import Initial
+from levelhead.estimators.params import Initial, NoiseParams
 from levelhead.estimators.two_stage import TwoStage, TwoStageParams
 from levelhead.events import Event
 from levelhead.kernel import get_include
@@ -36,6 +36,7 @@ __all__ = [
     "LevelheadError",
     "Log",
     "LogError",
+    "NoiseParams",
     "Observer",
     "ObserverParams",
     "OutputError",

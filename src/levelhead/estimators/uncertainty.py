@@ -53,6 +53,16 @@ class Epochs:
         return mean / max(float(np.linalg.norm(mean)), 1e-3)
 
     @property
+    def level_axes(self) -> FloatArray:
+        """The horizontal axes (2, 3) ahead and to the right, in body axes as the IMU is mounted."""
+        mounted = self.mean_down
+        # Ahead is where x points, as for the heading; an IMU with x upright has none, and any axis will do.
+        ahead = np.eye(3)[0 if abs(mounted[0]) < 0.9 else 1]
+        ahead = ahead - mounted * (mounted @ ahead)
+        ahead = ahead / np.linalg.norm(ahead)
+        return np.stack([ahead, np.cross(mounted, ahead)])
+
+    @property
     def vertical_accel_bias(self) -> float:
         """The accelerometer bias along down, m/s^2, which these estimators do not estimate; NaN where never seen."""
         taught = self["level"] > 0.0
@@ -96,6 +106,9 @@ class LevelSigma:
         How the angles drift when no GNSS corrects them: covariance with the rate left in them, sigma of that rate.
     tilt_control, control, heading_control, steer : ndarray
         How the control rate that follows the epoch moves them: covariance with it, its sigma.
+    tilt_ahead, tilt_right, gyro_ahead, gyro_right, accel_ahead, accel_right : ndarray
+        The part of tilt and bias errors that the vertical accelerometer bias makes (`leak`), which the sigmas hold as a
+        mean of both axes.
     """
 
     tilt: FloatArray
@@ -111,6 +124,12 @@ class LevelSigma:
     control: FloatArray
     heading_control: FloatArray
     steer: FloatArray
+    tilt_ahead: FloatArray
+    tilt_right: FloatArray
+    gyro_ahead: FloatArray
+    gyro_right: FloatArray
+    accel_ahead: FloatArray
+    accel_right: FloatArray
 
 
 def leak(epochs: Epochs) -> FloatArray:
@@ -121,11 +140,8 @@ def leak(epochs: Epochs) -> FloatArray:
     """
     mounted, down = epochs.mean_down, epochs.down
     bias = np.nan_to_num(epochs.vertical_accel_bias)
-    # Two horizontal body axes; which ones does not matter, their errors share one variance.
-    first = np.cross(mounted, np.eye(3)[int(np.argmin(np.abs(mounted)))])
-    first /= np.linalg.norm(first)
     across = mounted - down * (down @ mounted)[:, None]
-    pairs: FloatArray = bias * np.column_stack([across @ first, across @ np.cross(mounted, first)])
+    pairs: FloatArray = bias * across @ epochs.level_axes.T
     return pairs * (epochs["level"] > 0.0)[:, None]
 
 
@@ -186,12 +202,24 @@ def at_samples(level: LevelSigma, epochs: Epochs, noise: NoiseParams, time: Floa
     unlearnt = unlearnt if np.isfinite(unlearnt) else noise.initial_accel_bias_std
     tilt = angle(level.tilt, level.control, level.tilt_control, level.tilt_rate, level.tilt_growth)
     heading = angle(level.heading, level.steer, level.heading_control, level.heading_rate, level.heading_growth)
+    # What the leak makes has a direction: it takes the place of its mean over both axes.
+    axes = epochs.level_axes
+
+    def directed(ahead: FloatArray, right: FloatArray) -> FloatArray:
+        own = np.outer(held(ahead, 0.0), axes[0]) + np.outer(held(right, 0.0), axes[1])
+        shared: FloatArray = own**2 - 0.5 * np.outer((own**2).sum(axis=1), 1.0 - vertical)
+        return shared
+
+    lean = 0.5 * (held(level.tilt_ahead, 0.0) ** 2 - held(level.tilt_right, 0.0) ** 2)
     # A tilt about the horizontal axis ahead turns roll by 1 / cos(pitch), and heading by tan(pitch).
     secant2 = 1.0 / np.maximum(np.cos(pitch) ** 2, 1e-4)
-    return Sigma(
-        level=level,
-        noise=noise,
-        gyro_bias=np.sqrt(np.outer(gyro[0] ** 2, 1.0 - vertical) + np.outer(gyro[1] ** 2, vertical)),
-        accel_bias=np.sqrt(np.outer(accel**2, 1.0 - vertical) + unlearnt**2 * vertical),
-        attitude=np.sqrt(np.column_stack([tilt * secant2, tilt, heading + tilt * (secant2 - 1.0)])),
+    roll, pitch_itself = tilt + lean, tilt - lean
+    variances = (
+        np.outer(gyro[0] ** 2, 1.0 - vertical)
+        + np.outer(gyro[1] ** 2, vertical)
+        + directed(level.gyro_ahead, level.gyro_right),
+        np.outer(accel**2, 1.0 - vertical) + unlearnt**2 * vertical + directed(level.accel_ahead, level.accel_right),
+        np.column_stack([roll * secant2, pitch_itself, heading + roll * (secant2 - 1.0)]),
     )
+    gyro_bias, accel_bias, attitude = (np.sqrt(np.maximum(v, 0.0)) for v in variances)
+    return Sigma(level=level, noise=noise, gyro_bias=gyro_bias, accel_bias=accel_bias, attitude=attitude)
