@@ -125,8 +125,8 @@ def test_on_a_side_slope_the_vertical_bias_is_a_matter_of_roll() -> None:
         sigmas.append(result.attitude_std[late, :2])
     error, sigma = (np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)) for parts in (errors, sigmas))
     assert sigma[0] > 2.0 * sigma[1]
-    # Roll follows a known size; pitch is noise and what is left of the biases: 6 drives of 300 s, alike for 80 s at most,
-    # are 22 values and 15 % of that part; 25 % in all.
+    # Roll follows a known size; pitch is noise and what is left of the biases: 6 drives of 300 s, alike for 80 s at
+    # most, are 22 values and 15 % of that part; 25 % in all.
     np.testing.assert_allclose(sigma, error, rtol=0.25)
 
 
