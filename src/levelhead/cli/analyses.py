@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from levelhead.analysis.comparison import Comparison, Entry
+from levelhead.analysis.trials import QUANTITIES, Figures, MonteCarlo
 from levelhead.cli.console import terminal
-from levelhead.conventions import AXES
+from levelhead.conventions import AXES, FloatArray
 from levelhead.estimators.base import Result
 
 if TYPE_CHECKING:
@@ -79,3 +80,55 @@ def _angle(entry: Entry, comparison: Comparison, axis: int) -> str:
     if entry.method == comparison.reference:
         return ABSENT
     return number(float(np.degrees(entry.attitude_difference[axis])), 3)
+
+
+def show_monte_carlo(found: MonteCarlo) -> None:
+    """Print one column per method: RMS errors, settling times, and how honest its sigma is."""
+    figures = {method: found.figures(method) for method in found.trials}
+    table = _table("", *figures)
+    for k, (name, (_, unit, scale)) in enumerate(QUANTITIES.items()):
+        if any(math.isfinite(f.rms[k]) for f in figures.values()):
+            table.add_row(f"{name}, {unit}", *[_error(f, k, scale) for f in figures.values()])
+    table.add_section()
+    for sensor in ("gyro", "accel"):
+        times = [getattr(f, f"{sensor}_settles") for f in figures.values()]
+        table.add_row(f"{sensor} settles, s", *[_settles(t) for t in times])
+        flags = [str(getattr(f, f"{sensor}_flagged")) for f in figures.values()]
+        table.add_row(f"{sensor} called settled", *flags)
+    if any(np.isfinite(f.coverage).any() for f in figures.values()):
+        table.add_section()
+        for k, name in enumerate(QUANTITIES):
+            if any(math.isfinite(f.coverage[k]) for f in figures.values()):
+                table.add_row(f"{name} covered", *[_coverage(f, k) for f in figures.values()])
+    console = terminal()
+    console.print(table)
+    console.print(
+        f"{found.runs} drives of {found.duration:.0f} s, {found.scenario}, seeds {found.seed0} to "
+        f"{found.seed0 + found.runs - 1}. RMS errors after {found.after:.0f} s, below them the worst drive's. Settles: "
+        "median, below it the worst drive. Covered: how often the error is within 1.96 sigma, 95 % if the sigma is "
+        "honest; below it the mean squared error in sigma, 1 if honest, ! where that is outside its 95 % band.",
+        markup=False,
+    )
+    for method, f in figures.items():
+        for sentence in dict.fromkeys(f.failures.values()):
+            count = sum(other == sentence for other in f.failures.values())
+            console.print(f"{method} failed on {count} of {found.runs} drives: {sentence}", markup=False)
+
+
+def _error(figures: Figures, k: int, scale: float) -> str:
+    digits = 3 if k < 3 else 4
+    return f"{number(figures.rms[k] * scale, digits)}\n{number(figures.worst[k] * scale, digits)}"
+
+
+def _settles(times: FloatArray) -> str:
+    if times.size == 0:
+        return ABSENT
+    median, worst = float(np.median(times)), float(times.max())
+    return "\n".join(f"{t:.0f}" if math.isfinite(t) else "never" for t in (median, worst))
+
+
+def _coverage(figures: Figures, k: int) -> str:
+    if not math.isfinite(figures.coverage[k]):
+        return ABSENT
+    mark = "" if figures.honest[k] else "!"
+    return f"{100.0 * figures.coverage[k]:.1f} %\n{mark}{figures.nees[k]:.2f}"

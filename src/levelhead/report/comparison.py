@@ -183,7 +183,7 @@ def _bias_table(comparison: Comparison) -> str:
         ]
         for sensor, *_ in SENSORS
     }
-    top = '<tr><th scope="col" rowspan="2">method</th>'
+    top = '<tr><th scope="col" class="name" rowspan="2">method</th>'
     below = "<tr>"
     for sensor, unit, *_ in SENSORS:
         name = "gyro" if sensor == "gyro" else "accelerometer"
@@ -235,7 +235,7 @@ def _attitude_table(comparison: Comparison) -> str:
     # An axis that no method gives, the vertical accelerometer's as a rule, needs no column.
     shown = np.isfinite(np.array([value for m, value in numbers.items() if exact or m != comparison.reference]))
     shown = shown.any(axis=0) if shown.size else np.zeros((3, 3), dtype=bool)
-    top, below = '<tr><th scope="col" rowspan="2">method</th>', "<tr>"
+    top, below = '<tr><th scope="col" class="name" rowspan="2">method</th>', "<tr>"
     for k, (name, axes, _) in enumerate(groups):
         if shown[k].any():
             top += f'<th scope="colgroup" class="group" colspan="{shown[k].sum()}">{name}</th>'
@@ -275,7 +275,7 @@ def _attitude_note(comparison: Comparison) -> str:
         return f"Against the truth of the simulation, RMS from {after} after the start."
     return (
         f"Roll, pitch and heading against {escape(comparison.reference)}, RMS from {after} after the start. The "
-        "biases' differences at the end in units of both sigmas combined, where both methods give one: beyond 3 the methods "
+        "biases' differences at the end in units of both sigmas combined, where both give one: beyond 3 the methods "
         "contradict each other; as they read the same noise, a small value proves nothing."
     )
 
