@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from levelhead.analysis.comparison import Comparison, Entry
+from levelhead.analysis.injection import Case, Sensitivity, Validation, largest
 from levelhead.analysis.trials import QUANTITIES, Figures, MonteCarlo
 from levelhead.cli.console import terminal
 from levelhead.conventions import AXES, FloatArray
@@ -132,3 +133,42 @@ def _coverage(figures: Figures, k: int) -> str:
         return ABSENT
     mark = "" if figures.honest[k] else "!"
     return f"{100.0 * figures.coverage[k]:.1f} %\n{mark}{figures.nees[k]:.2f}"
+
+
+def show_validation(validation: Validation, changes: Sensitivity) -> None:
+    """Print one row per case, then one per changed constant: the largest error or change over the axes."""
+    console = terminal()
+    table = _table("added", "gyro error, deg/s", "accel error, m/s²", "three sigma")
+    for recovery in validation.recoveries:
+        within = recovery.within_3_sigma
+        judged = ABSENT if within is None else "within" if within else "BEYOND"
+        table.add_row(
+            _added(recovery.case),
+            number(largest(recovery.gyro_error) * DEG, 4),
+            number(largest(recovery.accel_error), 4),
+            f"no longer known: {', '.join(recovery.lost)}" if recovery.lost else judged,
+        )
+    console.print(table)
+    worst, mean = ((f("gyro") * DEG, f("accel")) for f in (validation.worst, validation.rms))
+    console.print(
+        f"{validation.method}, {len(validation.recoveries)} cases; recovery error at the end of the log, largest axis. "
+        f"At most {number(worst[0], 4)} deg/s and {number(worst[1], 4)} m/s², RMS {number(mean[0], 4)} deg/s and "
+        f"{number(mean[1], 4)} m/s².",
+        markup=False,
+    )
+    table = _table("constant", "change", "gyro, deg/s", "accel, m/s²", "roll or pitch RMS, deg")
+    for change in changes.changes:
+        cells = [number(largest(change.gyro) * DEG, 4), number(largest(change.accel), 4)]
+        cells += [number(largest(change.tilt) * DEG, 3)]
+        table.add_row(change.name, f"{change.change:+.0%}", *(["not possible"] if change.refused else cells))
+    console.print(table)
+
+
+def _added(case: Case) -> str:
+    """Return what was added, per axis."""
+    parts = [f"gyro {axis} {v * DEG:+.2f} deg/s" for axis, v in zip(AXES, case.gyro_bias, strict=True) if v]
+    parts += [f"accel {axis} {v:+.1f} m/s²" for axis, v in zip(AXES, case.accel_bias, strict=True) if v]
+    if len(parts) < 2:
+        return "".join(parts) or "nothing"
+    gyro = " ".join(f"{v * DEG:+.2f}" if v else "0" for v in case.gyro_bias)
+    return f"{gyro}, {' '.join(f'{v:+.1f}' if v else '0' for v in case.accel_bias)}"

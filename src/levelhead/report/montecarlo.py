@@ -41,9 +41,9 @@ def render_monte_carlo(found: MonteCarlo) -> str:
     if any(np.isfinite(f.coverage).any() for f in figures.values()):
         body += [
             _section("coverage", "Is the sigma honest?", _matrix(figures, _coverage_cell, errors=False))
-            + '<p class="note">How often the error is within 1.96 sigma, every 10 s: 95 % if the sigma is honest. Below '
-            "it the mean squared error in units of sigma, 1 if honest; <strong>marked</strong> where it lies outside "
-            "the band that chi-square with one degree of freedom per drive gives it in 95 % of all analyses.</p>"
+            + '<p class="note">How often the error is within 1.96 sigma, every 10 s: 95 % if the sigma is honest. '
+            "Below it the mean squared error in units of sigma, 1 if honest; <strong>marked</strong> where it lies "
+            "outside the band that chi-square with one degree of freedom per drive gives it in 95 % of all analyses.</p>"
         ]
     failed = [_failures(method, f, found.runs) for method, f in figures.items() if f.failures]
     if failed:
@@ -57,7 +57,8 @@ def render_monte_carlo(found: MonteCarlo) -> str:
 
 
 def _section(name: str, title: str, table: str) -> str:
-    return f'<section aria-labelledby="{name}"><h2 id="{name}">{title}</h2><div class="card scroll">{table}</div></section>'
+    head = f'<section aria-labelledby="{name}"><h2 id="{name}">{title}</h2>'
+    return f'{head}<div class="card scroll">{table}</div></section>'
 
 
 def _matrix(figures: Mapping[str, Figures], cell: Cell, *, errors: bool) -> str:
