@@ -230,22 +230,31 @@ def validate(
 
 def _recovery(case: Case, base: Result, loaded: Result) -> Recovery:
     found: dict[str, FloatArray] = {}
-    lost: list[str] = []
     for sensor, added in (("gyro", case.gyro_bias), ("accel", case.accel_bias)):
         known = np.array(getattr(base, f"known_{sensor}")) & np.array(getattr(loaded, f"known_{sensor}"))
         bias, sigma = f"{sensor}_bias", f"{sensor}_bias_std"
         error = getattr(loaded, bias)[-1] - getattr(base, bias)[-1] - np.array(added)
         found[f"{sensor}_error"] = np.where(known, error, np.nan)
         found[f"{sensor}_std"] = np.where(known, np.hypot(getattr(loaded, sigma)[-1], getattr(base, sigma)[-1]), np.nan)
-        before = np.array(getattr(base, f"known_{sensor}"))
-        lost += [f"{sensor} {axis}" for axis, gone in zip(AXES, before & ~known, strict=True) if gone]
     return Recovery(
         case=case,
         gyro_error=found["gyro_error"],
         accel_error=found["accel_error"],
         gyro_std=found["gyro_std"],
         accel_std=found["accel_std"],
-        lost=tuple(lost),
+        lost=_lost(base, loaded),
+    )
+
+
+def _lost(base: Result, other: Result) -> tuple[str, ...]:
+    """Return the axes that are known in one result and not in the other, such as "accel x"."""
+    return tuple(
+        f"{sensor} {axis}"
+        for sensor in ("gyro", "accel")
+        for axis, before, after in zip(
+            AXES, getattr(base, f"known_{sensor}"), getattr(other, f"known_{sensor}"), strict=True
+        )
+        if before and not after
     )
 
 
@@ -269,6 +278,8 @@ class Change:
         Change of the final biases, rad/s and m/s^2; NaN on an axis that is not known in both runs.
     tilt : ndarray, shape (2,)
         RMS change of roll and pitch after the start-up, rad.
+    lost : tuple of str
+        Axes that are known without the change and no longer with it.
     refused : str
         Why the change is not possible; empty where it is.
     """
@@ -278,6 +289,7 @@ class Change:
     gyro: FloatArray
     accel: FloatArray
     tilt: FloatArray
+    lost: tuple[str, ...] = ()
     refused: str = ""
 
     def as_dict(self) -> dict[str, object]:
@@ -289,6 +301,7 @@ class Change:
             "gyro_deg_s": json_list(self.gyro, deg),
             "accel_m_s2": json_list(self.accel),
             "roll_pitch_rms_deg": json_list(self.tilt, deg),
+            "no_longer_known": list(self.lost),
             "refused": self.refused or None,
         }
 
@@ -379,6 +392,7 @@ def _changed(log: Log, method: str, constants: MethodParams, name: str, part: fl
         gyro=_moved(result, base, "gyro"),
         accel=_moved(result, base, "accel"),
         tilt=rms(attitude_difference(result, base)[late, :2]),
+        lost=_lost(base, result),
     )
 
 

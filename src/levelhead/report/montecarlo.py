@@ -43,7 +43,7 @@ def render_monte_carlo(found: MonteCarlo) -> str:
             _section("coverage", "Is the sigma honest?", _matrix(figures, _coverage_cell, errors=False))
             + '<p class="note">How often the error is within 1.96 sigma, every 10 s: 95 % if the sigma is honest. '
             "Below it the mean squared error in units of sigma, 1 if honest; <strong>marked</strong> where it lies "
-            "outside the band that chi-square with one degree of freedom per drive gives it in 95 % of all analyses.</p>"
+            "outside the band that chi-square, one degree of freedom per drive, gives it in 95 % of all analyses.</p>"
         ]
     failed = [_failures(method, f, found.runs) for method, f in figures.items() if f.failures]
     if failed:

@@ -86,21 +86,24 @@ def _at_most(value: float, digits: int) -> str:
 
 def _cases(validation: Validation) -> str:
     shown = [_given(validation.errors(sensor)) for sensor in ("gyro", "accel")]
+    cases = [recovery.case for recovery in validation.recoveries]
+    added = [np.any([getattr(c, name) for c in cases], axis=0) for name in ("gyro_bias", "accel_bias")]
     head = _head(
-        ("added to gyro, deg/s", AXES),
-        ("added to accel, m/s²", AXES[:2]),
+        ("added to gyro, deg/s", _axes(added[0])),
+        ("added to accel, m/s²", _axes(added[1])),
         ("gyro error, deg/s", _axes(shown[0])),
         ("accel error, m/s²", _axes(shown[1])),
         ("three sigma", ("",)),
         first="",
     )
-    rows = [_case_row(k, recovery, shown) for k, recovery in enumerate(validation.recoveries)]
+    rows = [_case_row(k, recovery, added, shown) for k, recovery in enumerate(validation.recoveries)]
     worst = [
         np.array([largest(column) for column in validation.errors(sensor)[:, there].T])
         for sensor, there in zip(("gyro", "accel"), shown, strict=True)
     ]
     total = _numbers(worst[0] * DEG, GYRO_DIGITS) + _numbers(worst[1], ACCEL_DIGITS)
-    rows.append(f'<tr class="total"><th scope="row">largest</th><td colspan="5"></td>{total}<td></td></tr>')
+    gap = f'<td colspan="{np.sum(added)}"></td>' if np.any(added) else ""
+    rows.append(f'<tr class="total"><th scope="row">largest</th>{gap}{total}<td></td></tr>')
     return f'<table class="matrix">{head}<tbody>\n' + "\n".join(rows) + "\n</tbody></table>"
 
 
@@ -127,10 +130,11 @@ def _head(*groups: tuple[str, Sequence[str]], first: str) -> str:
     return f"<thead>{top}</tr>{below}</tr></thead>\n"
 
 
-def _case_row(k: int, recovery: Recovery, shown: list[Flags]) -> str:
-    added = [f"{v * DEG:+.2f}" if v else "" for v in recovery.case.gyro_bias]
-    added += [f"{v:+.1f}" if v else "" for v in recovery.case.accel_bias[:2]]
-    cells = "".join(f"<td>{text}</td>" for text in added)
+def _case_row(k: int, recovery: Recovery, added: list[Flags], shown: list[Flags]) -> str:
+    case = recovery.case
+    texts = [f"{v * DEG:+.2f}" if v else "" for v in np.array(case.gyro_bias)[added[0]]]
+    texts += [f"{v:+.1f}" if v else "" for v in np.array(case.accel_bias)[added[1]]]
+    cells = "".join(f"<td>{text}</td>" for text in texts)
     cells += _numbers(recovery.gyro_error[shown[0]] * DEG, GYRO_DIGITS)
     cells += _numbers(recovery.accel_error[shown[1]], ACCEL_DIGITS)
     within = recovery.within_3_sigma
@@ -151,7 +155,9 @@ def _sensitivity_verdict(changes: Sensitivity) -> str:
     if not parts:
         return "No bias is known on this log."
     share = max((abs(change.change) for change in changes.changes), default=0.0)
-    return f"A change of {share:.0%} in any constant moves the final biases by at most {' and '.join(parts)}."
+    text = f"A change of {share:.0%} in any constant moves the final biases by at most {' and '.join(parts)}."
+    lost = sum(bool(change.lost) for change in changes.changes)
+    return f"{text} In {lost} of {len(changes.changes)} changes a bias is no longer known." if lost else text
 
 
 def _changes(changes: Sensitivity) -> str:
