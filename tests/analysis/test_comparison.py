@@ -76,10 +76,31 @@ def test_differences_in_sigma_count_both_sigmas(drive: tuple[lh.Log, lh.Truth], 
     register("b", with_sigma(2.5e-3))
     comparison = compare(drive[0], ["a", "b", "observer"])
     np.testing.assert_allclose(comparison["b"].gyro_in_sigma, [1.5e-3 / (3e-4 * np.sqrt(2.0)), 0.0, np.nan], rtol=1e-12)
+    assert np.isnan(comparison["b"].attitude_in_sigma).all() == np.isnan(comparison.results["b"].attitude_std[-1]).all()
     # A sigma that is not given, and an axis that is not known, have no number.
     assert np.isnan(comparison["b"].accel_in_sigma).all()
     given = np.isfinite(comparison.results["observer"].gyro_bias_std[-1])
     assert np.isfinite(comparison["observer"].gyro_in_sigma).tolist() == [given[0], given[1], False]
+
+
+def test_contradictions_on_the_way_count_though_the_ends_agree(
+    drive: tuple[lh.Log, lh.Truth], register: Register
+) -> None:
+    """A filter and its smoother end alike; whether they fit each other shows before."""
+
+    def sure(sign: float) -> Callable[[lh.Result, SensorData], lh.Result]:
+        def change(result: lh.Result, _: SensorData) -> lh.Result:
+            wave = np.sin(2.0 * np.pi * np.arange(result.time.size) / 1000.0)  # whole periods of 10 s after 120 s
+            sigma = np.full(result.gyro_bias.shape, 1e-3)
+            return replace(result, roll=result.roll + sign * 4e-3 * wave, attitude_std=sigma)
+
+        return change
+
+    register("a", sure(1.0))
+    register("b", sure(-1.0))
+    found = compare(drive[0], ["a", "b"])["b"].attitude_in_sigma
+    # 8e-3 sin, RMS 8e-3 / sqrt(2), over sqrt(2) 1e-3. Rounding of the angles.
+    np.testing.assert_allclose(found, [4.0, 0.0, 0.0], atol=1e-9)
 
 
 def test_errors_are_those_against_the_truth(drive: tuple[lh.Log, lh.Truth]) -> None:

@@ -37,7 +37,7 @@ def entry(method: str, result: Result) -> Entry:
         runtime_s=0.5,
         runtime_ratio=2.0,
         attitude_difference=np.radians([0.123, 0.234, 0.345]),
-        gyro_in_sigma=np.array([0.7, -1.8, 2.9]),
+        gyro_in_sigma=np.array([0.7, 1.8, 3.1]),
         result=result,
     )
 
@@ -174,7 +174,12 @@ def test_the_reference_is_not_compared_with_itself(make_result: Make) -> None:
     assert [curve.label for curve in roll.curves] == ["smoother"]
     text = text_of(render_comparison(comparison, title="t"))
     assert "observer the reference" in text
-    assert "0.123 0.234 0.345 0.7 -1.8 2.9" in text
+    assert "0.123 0.234 0.345 0.7 1.8 3.1" in text
+
+
+def test_a_contradiction_is_marked(make_result: Make) -> None:
+    page = render_comparison(comparison_of(make_result, "observer", "smoother"), title="t")
+    assert re.findall(r'<strong class="far">(.*?)</strong>', page) == ["3.1"]
 
 
 def test_with_the_truth_the_errors_are_shown(make_result: Make) -> None:

@@ -8,6 +8,7 @@ from time import perf_counter
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from levelhead.analysis.estimation import estimate
 from levelhead.analysis.metrics import START_UP_S, attitude_difference, json_list, json_number, rms
@@ -27,6 +28,7 @@ SPEED_UNIT: Final = "observer"
 """Run times are given as multiples of this method's."""
 
 Clock = Callable[[], float]
+Rows = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,10 +70,10 @@ class Entry:
         The same in multiples of the observer's; None where the observer did not run.
     attitude_difference : ndarray, shape (3,)
         RMS of roll, pitch and heading less those of the reference, after `Comparison.after_s`, rad.
-    gyro_in_sigma, accel_in_sigma : ndarray, shape (3,)
-        Final bias less the reference's in units of both sigmas combined; NaN where a sigma is not given or an axis is
-        not known. Methods that read the same log share its noise: beyond 3 they contradict each other, near 0 proves
-        nothing.
+    attitude_in_sigma, gyro_in_sigma, accel_in_sigma : ndarray, shape (3,)
+        RMS of the differences from the reference in units of both sigmas combined, after `Comparison.after_s`; NaN
+        where a sigma is not given or a bias is not known in the end. Methods that read the same log share its noise:
+        beyond 3 they contradict each other, a small value proves nothing.
     errors : Errors or None
         Against the truth, where there is one.
     result : Result or None
@@ -84,6 +86,7 @@ class Entry:
     runtime_s: float = np.nan
     runtime_ratio: float | None = None
     attitude_difference: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    attitude_in_sigma: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     gyro_in_sigma: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     accel_in_sigma: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     errors: Errors | None = None
@@ -100,6 +103,7 @@ class Entry:
             "failed": None,
             **{key: summary[key] for key in (*kept, "settled_at_s", "params", "events")},
             "attitude_difference_deg": json_list(self.attitude_difference, 180.0 / np.pi),
+            "attitude_difference_sigma": json_list(self.attitude_in_sigma),
             "gyro_difference_sigma": json_list(self.gyro_in_sigma),
             "accel_difference_sigma": json_list(self.accel_in_sigma),
             "error_rms": None if self.errors is None else self.errors.as_dict(),
@@ -282,30 +286,39 @@ def _entry(
     if result is None or base is None:
         return Entry(method=method, failure=failure, runtime_s=runtime_s)
     late = result.time - result.time[0] >= after_s
+    apart = attitude_difference(result, base)
     return Entry(
         method=method,
         runtime_s=runtime_s,
         runtime_ratio=runtime_s / unit if unit else None,
-        attitude_difference=rms(attitude_difference(result, base)[late]),
-        gyro_in_sigma=_in_sigma(result, base, "gyro"),
-        accel_in_sigma=_in_sigma(result, base, "accel"),
+        attitude_difference=rms(apart[late]),
+        attitude_in_sigma=_in_sigma(apart[late], result.attitude_std[late], base.attitude_std[late]),
+        gyro_in_sigma=_bias_in_sigma(result, base, late, "gyro"),
+        accel_in_sigma=_bias_in_sigma(result, base, late, "accel"),
         errors=None if truth is None else errors_of(result, truth, late),
         result=result,
     )
 
 
-def _in_sigma(result: Result, base: Result, sensor: str) -> FloatArray:
-    """Return the difference of the final biases in units of both sigmas combined, NaN where either is not known."""
+def _bias_in_sigma(result: Result, base: Result, late: Rows, sensor: str) -> FloatArray:
+    """Return the RMS difference of the biases (3,) in combined sigmas, NaN where either does not know the axis."""
     bias, sigma = f"{sensor}_bias", f"{sensor}_bias_std"
     known = np.array(getattr(result, f"known_{sensor}")) & np.array(getattr(base, f"known_{sensor}"))
-    combined = np.hypot(getattr(result, sigma)[-1], getattr(base, sigma)[-1])
-    usable = known & np.isfinite(combined) & (combined > 0.0)
-    difference = getattr(result, bias)[-1] - getattr(base, bias)[-1]
-    out: FloatArray = np.where(usable, difference / np.where(usable, combined, 1.0), np.nan)
+    apart = (getattr(result, bias) - getattr(base, bias))[late]
+    out: FloatArray = np.where(
+        known, _in_sigma(apart, getattr(result, sigma)[late], getattr(base, sigma)[late]), np.nan
+    )
     return out
 
 
-def errors_of(result: Result, truth: Truth, late: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Errors:
+def _in_sigma(apart: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the RMS over the rows of differences in units of both sigmas combined, skipping rows without a sigma."""
+    combined = np.hypot(one, other)
+    usable = np.isfinite(combined) & (combined > 0.0)
+    return rms(np.where(usable, apart / np.where(usable, combined, 1.0), np.nan))
+
+
+def errors_of(result: Result, truth: Truth, late: Rows) -> Errors:
     """Return the RMS errors of a result over the samples marked in `late` (n,)."""
     return Errors(
         gyro_bias=rms((result.gyro_bias - truth.gyro_bias)[late]),

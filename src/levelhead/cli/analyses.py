@@ -51,9 +51,10 @@ def _table(*headings: str) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 2, 0, 0))
+    gap = 2 if len(headings) <= 6 else 1
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0))
     for k, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if k else "left")
+        table.add_column(heading, justify="right" if k else "left", no_wrap=k == 0)
     return table
 
 
@@ -138,7 +139,7 @@ def _coverage(figures: Figures, k: int) -> str:
 def show_validation(validation: Validation, changes: Sensitivity) -> None:
     """Print one row per case, then one per changed constant: the largest error or change over the axes."""
     console = terminal()
-    table = _table("added", "gyro error, deg/s", "accel error, m/s²", "three sigma")
+    table = _table("added", "gyro, deg/s", "accel, m/s²", "three sigma")
     for recovery in validation.recoveries:
         within = recovery.within_3_sigma
         judged = ABSENT if within is None else "within" if within else "BEYOND"
@@ -156,7 +157,7 @@ def show_validation(validation: Validation, changes: Sensitivity) -> None:
         f"{number(mean[1], 4)} m/s².",
         markup=False,
     )
-    table = _table("constant", "change", "gyro, deg/s", "accel, m/s²", "roll or pitch RMS, deg")
+    table = _table("constant", "change", "gyro, deg/s", "accel, m/s²", "tilt RMS, deg")
     for change in changes.changes:
         cells = [number(largest(change.gyro) * DEG, 4), number(largest(change.accel), 4)]
         cells += [number(largest(change.tilt) * DEG, 3)]

@@ -22,6 +22,8 @@ from levelhead.version import __version__
 TONES: Final = 7
 """Colours in report.css; more methods than that begin again."""
 FEWEST_BUCKETS: Final = 150
+CONTRADICTION: Final = 3.0
+"""Differences beyond this many sigma are marked."""
 ANGLES: Final = ("roll", "pitch", "heading")
 SENSORS: Final = (("gyro", "deg/s", math.degrees(1.0), 4), ("accel", "m/s²", 1.0, 4))
 """Per sensor: the reader's unit, the factor into it, digits."""
@@ -226,15 +228,16 @@ def _bias_cell(result: Result, sensor: str, axis: int) -> str:
 def _attitude_table(comparison: Comparison) -> str:
     """Return the table of attitudes and biases against the truth, or against the reference; HTML."""
     exact = comparison.truth is not None
-    groups = (
-        ("RMS error, deg" if exact else "RMS difference, deg", ANGLES, 3),
-        (f"gyro, {'deg/s' if exact else 'sigma'}", AXES, 4 if exact else 1),
-        (f"accel, {'m/s²' if exact else 'sigma'}", AXES, 4 if exact else 1),
-    )
+    unit = "error" if exact else "difference"
+    groups = [(f"RMS {unit}, deg", ANGLES, 3)]
+    if exact:
+        groups += [("gyro, deg/s", AXES, 4), ("accel, m/s²", AXES, 4)]
+    else:
+        groups += [("in sigma", ANGLES, 1), ("gyro, in sigma", AXES, 1), ("accel, in sigma", AXES, 1)]
     numbers = {entry.method: _distances(entry) for entry in comparison.entries if entry.result is not None}
     # An axis that no method gives, the vertical accelerometer's as a rule, needs no column.
     shown = np.isfinite(np.array([value for m, value in numbers.items() if exact or m != comparison.reference]))
-    shown = shown.any(axis=0) if shown.size else np.zeros((3, 3), dtype=bool)
+    shown = shown.any(axis=0) if shown.size else np.zeros((len(groups), 3), dtype=bool)
     top, below = '<tr><th scope="col" class="name" rowspan="2">method</th>', "<tr>"
     for k, (name, axes, _) in enumerate(groups):
         if shown[k].any():
@@ -244,7 +247,10 @@ def _attitude_table(comparison: Comparison) -> str:
     for entry in comparison.entries:
         if entry.method not in numbers:
             continue
-        cells = "".join(_numbers(numbers[entry.method][k][shown[k]], digits) for k, (*_, digits) in enumerate(groups))
+        cells = "".join(
+            _numbers(numbers[entry.method][k][shown[k]], digits, limit=math.inf if exact or k == 0 else CONTRADICTION)
+            for k, (*_, digits) in enumerate(groups)
+        )
         if not exact and entry.method == comparison.reference:
             cells = f'<td class="unknown" colspan="{max(1, shown.sum())}">the reference</td>'
         rows.append(f"<tr>{_head(comparison, entry)}{cells}</tr>")
@@ -256,17 +262,22 @@ def _attitude_table(comparison: Comparison) -> str:
 
 
 def _distances(entry: Entry) -> FloatArray:
-    """Return attitude, gyro and accelerometer distances as shown, one row of three each."""
+    """Return what is shown of a method, three numbers per group: errors, or differences and differences in sigma."""
     if entry.errors is not None:
         found = entry.errors
         rows = [np.degrees(found.attitude), np.degrees(found.gyro_bias), found.accel_bias]
     else:
-        rows = [np.degrees(entry.attitude_difference), entry.gyro_in_sigma, entry.accel_in_sigma]
+        rows = [np.degrees(entry.attitude_difference), entry.attitude_in_sigma]
+        rows += [entry.gyro_in_sigma, entry.accel_in_sigma]
     return np.array(rows)
 
 
-def _numbers(values: FloatArray, decimals: int) -> str:
-    return "".join(f"<td>{tables.number(value, decimals)}</td>" for value in values)
+def _numbers(values: FloatArray, decimals: int, *, limit: float) -> str:
+    """Return one cell per number; beyond the limit it is marked."""
+    texts = [(tables.number(value, decimals), bool(value > limit)) for value in values]
+    return "".join(
+        f'<td><strong class="far">{text}</strong></td>' if far else f"<td>{text}</td>" for text, far in texts
+    )
 
 
 def _attitude_note(comparison: Comparison) -> str:
@@ -274,9 +285,10 @@ def _attitude_note(comparison: Comparison) -> str:
     if comparison.truth is not None:
         return f"Against the truth of the simulation, RMS from {after} after the start."
     return (
-        f"Roll, pitch and heading against {escape(comparison.reference)}, RMS from {after} after the start. The "
-        "biases' differences at the end in units of both sigmas combined, where both give one: beyond 3 the methods "
-        "contradict each other; as they read the same noise, a small value proves nothing."
+        f"Against {escape(comparison.reference)}, RMS from {after} after the start. In sigma: in units of both sigmas "
+        "combined, where both methods give one and know the bias. Beyond 3, <strong>marked</strong>, the methods "
+        "contradict each other: at least one is surer than it should be. As they read the same noise, a small value "
+        "proves nothing."
     )
 
 
