@@ -13,14 +13,14 @@ from typing import Final
 
 import numpy as np
 
-from levelhead.analysis.estimation import DEFAULT_METHOD, estimate
+from levelhead.analysis.estimation import DEFAULT_METHOD, constants_for, estimate
 from levelhead.analysis.metrics import START_UP_S, attitude_difference, json_list, json_number, rms
 from levelhead.conventions import AXES, FloatArray
 from levelhead.errors import LogError, UsageError
-from levelhead.estimators import METHODS
 from levelhead.estimators.base import Result
 from levelhead.estimators.params import MethodParams
 from levelhead.estimators.streaming import Progress
+from levelhead.logs.derive import velocity_from_position
 from levelhead.logs.log import Log
 from levelhead.version import __version__
 
@@ -46,6 +46,11 @@ class Case:
             value = getattr(self, name)
             if len(value) != 3 or not np.all(np.isfinite(value)):
                 raise UsageError(f"{name} of a case is {value}; pass three finite numbers.")
+
+
+def _constants(log: Log, method: str, params: MethodParams | None, lever_arm: Triple | None) -> MethodParams:
+    data = log if log.velocity_ned is not None else velocity_from_position(log)
+    return constants_for(data, method, params=params, lever_arm=lever_arm)[0]
 
 
 def _single(axis: int, size: float) -> Triple:
@@ -214,12 +219,14 @@ def validate(
     chosen = default_cases() if cases is None else tuple(cases)
     if not chosen:
         raise UsageError("There is no case to validate with; pass at least one.")
-    base = estimate(log, method, params=params, lever_arm=lever_arm)
+    # The same constants for all runs: the noise that a filter finds in the log is not what is tried here.
+    constants = _constants(log, method, params, lever_arm)
+    base = estimate(log, method, params=constants)
     recoveries = []
     for k, case in enumerate(chosen):
         if progress is not None:
             progress((k + 1) / (len(chosen) + 1))
-        loaded = estimate(with_biases(log, case), method, params=params, lever_arm=lever_arm)
+        loaded = estimate(with_biases(log, case), method, params=constants)
         recoveries.append(_recovery(case, base, loaded))
     if progress is not None:
         progress(1.0)
@@ -358,10 +365,8 @@ def sensitivity(
     """
     if not 0.0 < change < 1.0:
         raise UsageError(f"The change is {change}; give a fraction between 0 and 1, such as 0.2.")
-    base = estimate(log, method, params=params, lever_arm=lever_arm)
-    constants = METHODS[method].params() if params is None else params
-    if lever_arm is not None:
-        constants = replace(constants, lever_arm=lever_arm)
+    constants = _constants(log, method, params, lever_arm)
+    base = estimate(log, method, params=constants)
     names = [field.name for field in fields(constants) if _is_choice(field.name, getattr(constants, field.name))]
     tries = [(name, sign * change) for name in names for sign in (1.0, -1.0)]
     changes = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -40,13 +39,12 @@ def validate(
 ) -> None:
     """Add known biases to a log and find them again; write validation.json and validation.html into DIR."""
     constants = load_params(method, params)
-    if lever_arm is not None:
-        constants = replace(constants, lever_arm=vector(lever_arm))
+    arm = None if lever_arm is None else vector(lever_arm)
     data = read_log(log, gnss=gnss, mapping=mapping, log_format=log_format)
     with progress(f"Adding biases to {log.name}") as report:
-        validation = validate_method(data, method, params=constants, progress=report)
+        validation = validate_method(data, method, params=constants, lever_arm=arm, progress=report)
     with progress("Changing the constants") as report:
-        changes = sensitivity(data, method, params=constants, progress=report)
+        changes = sensitivity(data, method, params=constants, lever_arm=arm, progress=report)
     make_folder(output)
     write_text(
         render_validation(validation, changes, title=f"{method} validated: {log.name}"), output / "validation.html"
