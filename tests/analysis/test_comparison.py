@@ -133,8 +133,8 @@ def test_one_that_fails_is_shown_and_the_others_go_on(drive: tuple[lh.Log, lh.Tr
 
 
 def test_run_times_are_in_multiples_of_the_observers(drive: tuple[lh.Log, lh.Truth]) -> None:
-    # Calls of the clock: 0, 1 (observer: 1 s), 3, 6 (two-stage: 3 s).
-    ticks = iter([0.0, 1.0, 3.0, 6.0])
+    # Calls of the clock: 0, 2 (observer: 2 s), 3, 9 (two-stage: 6 s).
+    ticks = iter([0.0, 2.0, 3.0, 9.0])
     comparison = compare(drive[0], ["observer", "two-stage"], clock=lambda: next(ticks))
     assert [entry.runtime_ratio for entry in comparison.entries] == [1.0, 3.0]
     steps = count()

@@ -244,7 +244,7 @@ def _in_parallel(tasks: Sequence[Task], workers: int, progress: Progress | None)
     """
     # Fresh ("spawn") processes: a fork would copy locks that other threads, such as Arrow's, may hold.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_interrupts_to_the_parent)
+    pool = ProcessPoolExecutor(workers, mp_context=context)
     try:
         with _interrupts_held():
             futures: list[Future[tuple[Trial, ...]]] = [pool.submit(run_one, task) for task in tasks]
@@ -262,14 +262,12 @@ def _in_parallel(tasks: Sequence[Task], workers: int, progress: Progress | None)
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _leave_interrupts_to_the_parent() -> None:
-    """Ctrl-C reaches every process of a terminal; a worker that dies of it would only print a traceback."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while processes start: they inherit that, and so are deaf to it from their first instant."""
+    """Hold Ctrl-C back while processes start: they inherit that, and leave it to the parent for good.
+
+    It reaches every process of a terminal; a worker that dies of it would only print a traceback.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
