@@ -37,7 +37,9 @@ def with_sigma(gyro_x: float) -> Callable[[lh.Result, SensorData], lh.Result]:
         shape = result.gyro_bias.shape
         bias = np.broadcast_to([gyro_x, 0.0, 0.0], shape)
         std = np.full(shape, 3e-4)
-        return replace(result, gyro_bias=bias, gyro_bias_std=std, known_gyro=(True, True, False))
+        none = np.full(shape, np.nan)
+        stds = {"gyro_bias_std": std, "accel_bias_std": none, "attitude_std": none}
+        return replace(result, gyro_bias=bias, known_gyro=(True, True, False), **stds)
 
     return change
 

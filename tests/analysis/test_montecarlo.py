@@ -41,6 +41,7 @@ def guess(claimed: float) -> Change:
             accel_bias=np.broadcast_to(accel, shape),
             gyro_bias_std=np.full(shape, claimed * gyro_sigma),
             accel_bias_std=np.full(shape, claimed * accel_sigma),
+            attitude_std=np.full(shape, np.nan),
         )
 
     return change
