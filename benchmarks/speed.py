@@ -57,10 +57,11 @@ def kernel_table(folder: Path, rounds: int = 15) -> None:
     ratios = np.median(times / times[:, observer : observer + 1], axis=0)
     counts = instructions(folder, program, len(names))
     print("Kernel, 30 min at 100 Hz / 10 Hz, one core; the ratio is to the observer in double")
-    print(f"{'loop':26s}{'ns per sample':>14s}{'ratio':>8s}{'instructions':>14s}   final gyro x (deg/s), accel x (m/s^2)")
+    print(f"{'loop':26s}{'ns per sample':>14s}{'ratio':>8s}{'instructions':>14s}   final gyro x deg/s, accel x m/s^2")
     for name, time, ratio, bias, count in zip(names, np.median(times, axis=0), ratios, biases, counts, strict=True):
         shown = "-" if count is None else f"{count:.0f}"
-        print(f"{name:26s}{time:14.1f}{ratio:8.2f}{shown:>14s}   {np.degrees(float(bias[0])):+.4f}  {float(bias[2]):+.4f}")
+        ends = f"{np.degrees(float(bias[0])):+.4f}  {float(bias[2]):+.4f}"
+        print(f"{name:26s}{time:14.1f}{ratio:8.2f}{shown:>14s}   {ends}")
     print("Outside marks, instructions per sample: VQF (orientation only) 1,868; KF-GINS 98,700.")
 
 
@@ -77,7 +78,8 @@ def instructions(folder: Path, program: Path, loops: int) -> list[float | None]:
 
     def count(loop: int) -> int:
         out = f"--callgrind-out-file={folder / 'callgrind.out'}"
-        command = ["valgrind", "--tool=callgrind", out, str(program), str(data), str(samples), str(every), "1", str(loop)]
+        arguments = [str(data), str(samples), str(every), "1", str(loop)]
+        command = ["valgrind", "--tool=callgrind", out, str(program), *arguments]
         said = subprocess.run(command, check=True, capture_output=True, text=True).stderr
         return int(said.split("Collected :")[1].split()[0])
 

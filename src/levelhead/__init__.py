@@ -19,6 +19,7 @@ from __future__ import annotations
 from levelhead.analysis.estimation import estimate
 from levelhead.errors import LevelheadError, LogError, OutputError, UsageError
 from levelhead.estimators.base import Result, Status
+from levelhead.estimators.ekf import Ekf, EkfParams
 from levelhead.estimators.observer import Observer, ObserverParams
 from levelhead.estimators.params import Initial
 from levelhead.estimators.phasor import Phasor, PhasorParams
@@ -32,6 +33,8 @@ from levelhead.sim import SensorModel, Truth, simulate
 from levelhead.version import __version__
 
 __all__ = [
+    "Ekf",
+    "EkfParams",
     "Event",
     "Initial",
     "LevelheadError",
@@ -39,9 +42,9 @@ __all__ = [
     "LogError",
     "Observer",
     "ObserverParams",
+    "OutputError",
     "Phasor",
     "PhasorParams",
-    "OutputError",
     "Result",
     "SensorModel",
     "Status",

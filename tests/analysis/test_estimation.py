@@ -102,6 +102,6 @@ def test_infinite_velocities_are_left_out_and_counted(log: lh.Log) -> None:
     velocity = log.velocity_ned.copy()
     velocity[[100, 200], 1] = np.inf
     velocity[300] = np.nan  # absent, not wrong
-    result = lh.estimate(replace(log, velocity_ned=velocity))
+    result = lh.estimate(replace(log, velocity_ned=velocity), "observer")
     assert {e.code: e.count for e in result.events} == {"E_NONFINITE": 2}
     assert np.isfinite(result.gyro_bias).all()

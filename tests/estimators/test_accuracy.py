@@ -56,7 +56,7 @@ def test_errors_after_a_quarter_of_an_hour(
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_observer_settles_and_says_so_in_time(scenario: str, seed: int) -> None:
     log, truth = drive(scenario, seed)
-    result = lh.estimate(log)
+    result = lh.estimate(log, "observer")
     gyro = np.degrees(np.abs(result.gyro_bias - truth.gyro_bias))[:, :2].max(axis=1)
     accel = np.abs(result.accel_bias - truth.accel_bias)[:, :2].max(axis=1)
     after_600 = log.time >= 600.0  # with passes of 60-120 s; it depends on the number of turns
@@ -80,7 +80,7 @@ def test_twenty_percent_of_a_constant_hardly_matters(name: str, factor: float) -
     changed = replace(base, **{name: getattr(base, name) * factor})
     for scenario in SCENARIOS:
         log, _ = drive(scenario, SEEDS[0])
-        before, after = lh.estimate(log), lh.estimate(log, params=changed)
+        before, after = lh.estimate(log, "observer"), lh.estimate(log, params=changed)
         gyro = rms_after_900([(after.gyro_bias - before.gyro_bias)[:, :2]], [log])
         accel = rms_after_900([(after.accel_bias - before.accel_bias)[:, :2]], [log])
         assert 0.0 < np.degrees(gyro).max() < 0.001
@@ -101,7 +101,7 @@ def test_the_hill_needs_the_general_gain_no_worse_than_the_paper_s() -> None:
 
 def test_reverse_driving_is_recognised_and_harmless() -> None:
     log, truth = lh.simulate("reverse", seed=3, duration=1800.0)
-    result = lh.estimate(log)
+    result = lh.estimate(log, "observer")
     late = log.time >= 900.0
     # faults.md: 20 s in every 120 s backwards cost < 0.01 deg/s and < 0.3 deg of tilt.
     assert np.degrees(np.abs(result.gyro_bias - truth.gyro_bias)[late, :2]).max() < 0.01

@@ -33,7 +33,7 @@ def test_eq_12_on_a_straight_the_control_rate_is_the_gyro_bias(feedback: bool) -
 
 
 def test_on_a_straight_the_accelerometer_bias_turns_into_tilt() -> None:
-    result = lh.estimate(steady(0.0))
+    result = lh.estimate(steady(0.0), "observer")
     # Level reads f = -g + b: the platform settles where C f is vertical, roll = -b_y/g and pitch = b_x/g.
     # Until the vertical gyro bias is known, 0.05 deg/s reads as a turn and moves 0.0005 m/s^2, or 0.003 deg.
     assert math.degrees(result.roll[-1]) == pytest.approx(math.degrees(-ACCEL[1] / GRAVITY), abs=5e-3)
@@ -68,4 +68,4 @@ def test_eqs_11_and_12_learn_at_the_rates_of_the_constants() -> None:
 def test_ringing_constants_are_called_out() -> None:
     result = lh.estimate(steady(0.0, 60.0), params=lh.ObserverParams(tau_gyro=12.0))
     assert "W_TAU_RATIO" in {event.code for event in result.events}
-    assert "W_TAU_RATIO" not in {event.code for event in lh.estimate(steady(0.0, 60.0)).events}
+    assert "W_TAU_RATIO" not in {event.code for event in lh.estimate(steady(0.0, 60.0), "observer").events}

@@ -45,7 +45,7 @@ def test_a_circle_is_called_unseparated() -> None:
     # The default biases of the simulation happen to lie across what a circle of 10 deg/s cannot see; these do not.
     sensors = lh.SensorModel(gyro_bias=(-0.0014, -0.0023, 0.0009), accel_bias=(0.11, 0.2, 0.0))
     log, truth = lh.simulate("circle", seed=1, duration=900.0, sensors=sensors)
-    result = lh.estimate(log)
+    result = lh.estimate(log, "observer")
     assert result.status[-1] & lh.Status.UNSEPARATED
     # And rightly so: the estimates stand still, away from the truth by several sigma of the noise (0.004 m/s^2).
     error = np.abs(result.accel_bias[-1] - truth.accel_bias[-1])[:2].max()
@@ -55,7 +55,7 @@ def test_a_circle_is_called_unseparated() -> None:
 
 def test_standing_still_teaches_the_level_gyros_only() -> None:
     log, _ = lh.simulate("field", seed=1, duration=300.0, standstill_s=300.0)
-    result = lh.estimate(log)
+    result = lh.estimate(log, "observer")
     assert result.known_gyro == (True, True, False)
     assert result.known_accel == (False, False, False)
     assert np.isnan(result.heading).all()
@@ -64,7 +64,7 @@ def test_standing_still_teaches_the_level_gyros_only() -> None:
 
 def test_the_vertical_accelerometer_is_never_claimed() -> None:
     log, _ = lh.simulate("field", seed=1, duration=900.0)
-    result = lh.estimate(log)
+    result = lh.estimate(log, "observer")
     assert np.isnan(result.accel_bias[:, 2]).all()
     assert result.known_accel == (True, True, False)
     summary = result.summary()

@@ -39,7 +39,7 @@ def test_rtklib_drive_gyro_agrees_with_rest(drives: ModuleType, data_folder: Pat
 def test_rtklib_drive_gives_added_biases_back(drives: ModuleType, data_folder: Path, sign: float) -> None:
     log: lh.Log = drives.rtklib_drive(data_folder)
     gyro, accel = sign * np.radians([0.2, 0.2, 0.0]), sign * np.array([0.3, 0.3, 0.0])
-    plain, loaded = lh.estimate(log), lh.estimate(drives.with_biases(log, gyro, accel))
+    plain, loaded = lh.estimate(log, "observer"), lh.estimate(drives.with_biases(log, gyro, accel), "observer")
     recovered = (loaded.gyro_bias - plain.gyro_bias)[-1, :2], (loaded.accel_bias - plain.accel_bias)[-1, :2]
     np.testing.assert_allclose(np.degrees(recovered[0]), np.degrees(gyro[:2]), atol=0.003, rtol=0.0)
     np.testing.assert_allclose(recovered[1], accel[:2], atol=0.01, rtol=0.0)
@@ -50,7 +50,7 @@ def test_kitti_drives_run_through(drives: ModuleType, data_folder: Path) -> None
     assert len(paths) == 3
     for path in paths:
         log, _ = drives.kitti_log(path)
-        result = lh.estimate(drives.with_biases(log, drives.GYRO, drives.ACCEL))
+        result = lh.estimate(drives.with_biases(log, drives.GYRO, drives.ACCEL), "observer")
         error = np.degrees(result.gyro_bias[-1] - drives.GYRO)
         # No figure is demanded; a wrong frame or sign would leave at least the smallest added bias, 0.05 deg/s.
         assert np.abs(error).max() < 0.05, path.name
@@ -64,7 +64,7 @@ def test_neu_drives_have_positions_only(drives: ModuleType, data_folder: Path, d
     folder = data_folder / "neu-freecode"
     mapping = drives.EXAMPLES / "neu-freecode.toml"
     log = lh.read(folder / f"{drive}_imu.csv", gnss=folder / f"{drive}_gps.csv", mapping=mapping)
-    result = lh.estimate(log)
+    result = lh.estimate(log, "observer")
     assert "I_VELOCITY_DERIVED" in {event.code for event in result.events}
     # 1 Hz positions on a 0.2 m grid: rough, and called so.
     assert "W_UNSTEADY" in {event.code for event in result.events}
@@ -79,4 +79,4 @@ def test_units_and_axes_of_the_mapping_matter(drives: ModuleType, data_folder: P
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     wrong = replace(log, gyro=log.gyro @ turn.T, accel=log.accel @ turn.T)
     rest = turn @ drives.at_rest_after(log)
-    assert np.degrees(np.abs(lh.estimate(wrong).gyro_bias[-1] - rest)[:2]).max() > 0.05
+    assert np.degrees(np.abs(lh.estimate(wrong, "observer").gyro_bias[-1] - rest)[:2]).max() > 0.05

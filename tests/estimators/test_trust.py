@@ -24,7 +24,7 @@ def drifting(log: lh.Log, gyro: float, accel: float) -> lh.Log:
 
 
 def test_a_steady_drive_needs_no_warning(log: lh.Log) -> None:
-    result = lh.estimate(log)
+    result = lh.estimate(log, "observer")
     assert result.known_gyro == (True, True, True)
     assert result.known_accel == (True, True, False)
     assert "W_UNSTEADY" not in {event.code for event in result.events}
@@ -32,7 +32,7 @@ def test_a_steady_drive_needs_no_warning(log: lh.Log) -> None:
 
 def test_a_small_drift_is_told_by_size(log: lh.Log) -> None:
     # A ramp of three bands shows as half of that, 1.5 bands: more than one, less than two.
-    result = lh.estimate(drifting(log, 3.0 * GYRO_BAND, 0.0))
+    result = lh.estimate(drifting(log, 3.0 * GYRO_BAND, 0.0), "observer")
     assert result.known_gyro == (True, True, True)
     text = next(event.text for event in result.events if event.code == "W_UNSTEADY")
     assert "gyro y by +-0.0" in text
@@ -40,7 +40,7 @@ def test_a_small_drift_is_told_by_size(log: lh.Log) -> None:
 
 
 def test_a_large_drift_is_not_known(log: lh.Log) -> None:
-    result = lh.estimate(drifting(log, 8.0 * GYRO_BAND, 8.0 * ACCEL_BAND))
+    result = lh.estimate(drifting(log, 8.0 * GYRO_BAND, 8.0 * ACCEL_BAND), "observer")
     assert result.known_gyro == (True, False, True)
     assert result.known_accel == (True, False, False)
     summary = result.summary()

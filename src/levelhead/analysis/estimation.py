@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from levelhead.errors import UsageError
 from levelhead.estimators import METHODS
-from levelhead.estimators.base import Result
-from levelhead.estimators.params import Initial, MethodParams
+from levelhead.estimators.base import Result, SensorData
+from levelhead.estimators.likelihood import fit_noise
+from levelhead.estimators.params import FilterParams, Initial, MethodParams
+from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress
-from levelhead.events import merge_events
+from levelhead.events import Event, merge_events
 from levelhead.logs.derive import velocity_from_position
 from levelhead.logs.log import Log
 
-DEFAULT_METHOD = "observer"
+DEFAULT_METHOD = "smoother"
 
 
 def estimate(
     log: Log,
-    method: str = DEFAULT_METHOD,
+    method: str | None = None,
     *,
     params: MethodParams | None = None,
     initial: Initial | None = None,
@@ -31,10 +34,12 @@ def estimate(
     ----------
     log : Log
         The drive. A log with positions only has its velocities derived from them first; the result says so.
-    method : str
-        "observer" (Tereshkov 2015) or "two-stage" (Tereshkov 2013).
-    params : ObserverParams or TwoStageParams, optional
-        The method's constants; defaults where absent.
+    method : str, optional
+        "smoother" (the phasor filter, there and back), "phasor" (the same filter, forwards only), "observer"
+        (Tereshkov 2015), "two-stage" (Tereshkov 2013)...; the keys of `levelhead.estimators.METHODS`. Where absent,
+        the first of these that takes `params`: the smoother without any.
+    params : PhasorParams, ObserverParams..., optional
+        The method's constants. Where absent, defaults; and a filter's sensor noise is found from the log.
     initial : Initial, optional
         Biases to start from.
     lever_arm : (3,), optional
@@ -54,6 +59,8 @@ def estimate(
     LogError
         When the log has no usable GNSS velocity.
     """
+    if method is None:
+        method = next((m for m in (DEFAULT_METHOD, *METHODS) if METHODS[m].params is type(params)), DEFAULT_METHOD)
     if method not in METHODS:
         raise UsageError(f"There is no method {method!r}; choose one of {', '.join(METHODS)}.")
     chosen = METHODS[method]
@@ -65,5 +72,18 @@ def estimate(
     if lever_arm is not None:
         constants = replace(constants, lever_arm=lever_arm)
     data = log if log.velocity_ned is not None else velocity_from_position(log)
+    found: tuple[Event, ...] = ()
+    if isinstance(constants, FilterParams):
+        if log.meta.get("earth_rotation", True):  # a simulated Earth may stand still
+            constants = at_place(constants, data)
+        if params is None:
+            constants, found = with_noise_of(data, constants)
     result = chosen.run(data, constants, initial, progress)
-    return replace(result, log_info=log.describe(), events=merge_events((*data.events, *result.events)))
+    return replace(result, log_info=log.describe(), events=merge_events((*data.events, *result.events, *found)))
+
+
+def with_noise_of(data: SensorData, params: FilterParams) -> tuple[FilterParams, tuple[Event, ...]]:
+    """Return the parameters with the sensor noise found from the log, and the event that says so."""
+    gyro, accel = fit_noise(data, params)
+    detail = f"gyro {math.degrees(gyro):.2g} deg/s/sqrt(Hz), accelerometer {accel:.2g} m/s^2/sqrt(Hz)."
+    return replace(params, gyro_noise=gyro, accel_noise=accel), (Event(code="I_NOISE_FOUND", count=1, detail=detail),)

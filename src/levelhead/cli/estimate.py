@@ -16,6 +16,7 @@ from levelhead.cli.options import FormatOption, GnssOption, MappingOption, read_
 from levelhead.cli.settings import load_params
 from levelhead.errors import LevelheadError, UsageError
 from levelhead.estimators import METHODS
+from levelhead.estimators.params import MethodParams, Triple
 from levelhead.logs.writers import write
 from levelhead.report.files import make_folder, write_report, write_result, write_summary
 
@@ -44,12 +45,11 @@ def estimate(
         raise UsageError("--gnss goes with one IMU file; run the command once per drive.")
     folders = [output] if len(logs) == 1 else [output / name for name in _names(logs)]
     constants = load_params(method, params)
-    if lever_arm is not None:
-        constants = replace(constants, lever_arm=_vector(lever_arm))
+    arm = None if lever_arm is None else _vector(lever_arm)
     codes = []
     for path, folder in zip(logs, folders, strict=True):
         try:
-            codes.append(_one(path, folder, gnss, mapping, log_format, method, constants, corrected))
+            codes.append(_one(path, folder, gnss, mapping, log_format, method, constants, arm, corrected))
         except LevelheadError as error:
             if len(logs) == 1:
                 raise
@@ -65,18 +65,16 @@ def _one(
     mapping: Path | None,
     log_format: str | None,
     method: str,
-    constants: object,
+    constants: MethodParams | None,
+    lever_arm: Triple | None,
     corrected: str | None,
 ) -> int:
     """Run one drive and return its exit code."""
-    params = METHODS[method].params
-    if not isinstance(constants, params):
-        raise UsageError(f"The method {method!r} takes {params.__name__}.")
     begin = perf_counter()
     log = read_log(path, gnss=gnss, mapping=mapping, log_format=log_format)
     read_done = perf_counter()
     with progress(f"Estimating {path.name}") as report:
-        result = estimate_log(log, method, params=constants, progress=report)
+        result = estimate_log(log, method, params=constants, lever_arm=lever_arm, progress=report)
     estimated = perf_counter()
     make_folder(folder)
     write_result(result, folder / "result.parquet")
@@ -106,7 +104,7 @@ def _names(logs: list[Path]) -> list[str]:
     return names
 
 
-def _vector(text: str) -> tuple[float, float, float]:
+def _vector(text: str) -> Triple:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:

@@ -12,8 +12,8 @@ from levelhead.estimators import METHODS
 from levelhead.estimators.params import MethodParams
 
 
-def load_params(method: str, path: Path | None) -> MethodParams:
-    """Return a method's parameters, from a file where one is given.
+def load_params(method: str, path: Path | None) -> MethodParams | None:
+    """Return a method's parameters from a file; None without one.
 
     The file holds the parameters by name, at the top or in a table named after the method; angles may be given in
     degrees with the suffix ``_deg`` or ``_deg_s`` (``omega_accel_deg_s = 45``).
@@ -27,7 +27,7 @@ def load_params(method: str, path: Path | None) -> MethodParams:
         raise UsageError(f"There is no method {method!r}; choose one of {', '.join(METHODS)}.")
     kind = METHODS[method].params
     if path is None:
-        return kind()
+        return None
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -52,9 +52,12 @@ def _build(kind: type[MethodParams], values: dict[str, object], path: Path) -> M
     defaults = kind()
     for name, value in values.items():
         wanted = getattr(defaults, name)
-        number = isinstance(wanted, float) and isinstance(value, int | float) and not isinstance(value, bool)
+        # What is open by default (None) is a number when it is given.
+        number = isinstance(wanted, float | None) and isinstance(value, int | float) and not isinstance(value, bool)
         if not number and type(value) is not type(wanted):
-            raise UsageError(f"{name} in {path} is {value!r}; pass a {type(wanted).__name__}.")
+            raise UsageError(
+                f"{name} in {path} is {value!r}; pass a {'float' if wanted is None else type(wanted).__name__}."
+            )
     object_values = {field.name: values.get(field.name, getattr(defaults, field.name)) for field in fields(kind)}
     made: MethodParams = kind.from_dict(object_values)
     return made

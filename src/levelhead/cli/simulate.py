@@ -19,10 +19,13 @@ def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Log to write: .parquet or .csv.")],
     seed: Annotated[int, typer.Option(help="Same seed, same drive.")] = 0,
     duration: Annotated[float, typer.Option(metavar="S", help="Length of the drive, s.")] = 1800.0,
+    earth_rotation: Annotated[
+        bool, typer.Option(help="Whether the gyros feel the Earth turn, as real ones do.")
+    ] = True,
 ) -> None:
     """Simulate a drive; write its log, and its truth beside it as FILE.truth.parquet."""
     with progress(f"Simulating {scenario}"):
-        log, truth = simulate_drive(scenario, seed=seed, duration=duration)
+        log, truth = simulate_drive(scenario, seed=seed, duration=duration, earth_rotation=earth_rotation)
     write(log, output)
     beside = output.with_name(output.stem + ".truth.parquet")
     write_truth(truth, beside)

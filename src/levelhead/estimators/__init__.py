@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from levelhead.estimators.base import Result
+from levelhead.estimators.ekf import EkfParams, estimate_ekf
 from levelhead.estimators.observer import ObserverParams, estimate_observer
 from levelhead.estimators.params import MethodParams
 from levelhead.estimators.phasor import PhasorParams, estimate_phasor
@@ -26,5 +27,6 @@ METHODS: dict[str, Method] = {
     "two-stage": Method(params=TwoStageParams, run=estimate_two_stage),
     "phasor": Method(params=PhasorParams, run=estimate_phasor),
     "smoother": Method(params=PhasorParams, run=estimate_smoother),
+    "ekf": Method(params=EkfParams, run=estimate_ekf),
 }
 """Every method of `levelhead.estimate`, by name."""

@@ -8,8 +8,9 @@ from typing import Any, Self
 
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
+from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import FilterParams, Initial
-from levelhead.estimators.streaming import Progress, events_of, finish, run
+from levelhead.estimators.streaming import Progress, events_of, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import PhasorF64
 
@@ -87,4 +88,4 @@ def estimate_phasor(
     """Run the phasor filter over a whole log (see `levelhead.estimate`)."""
     stream = Phasor(params, initial=initial)
     trace = run(stream, data, progress, with_sigma=True)
-    return finish(data, trace, stream, method="phasor", params=params)
+    return finish_filtered(data, trace, stream, method="phasor", params=params)

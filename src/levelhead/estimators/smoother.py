@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from levelhead.estimators.base import Result, SensorData
+from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import Initial
 from levelhead.estimators.phasor import PhasorParams
-from levelhead.estimators.streaming import Progress, finish, run
+from levelhead.estimators.streaming import Progress, run
 from levelhead.kernel._kernel import SmootherF64
 
 
@@ -28,4 +29,4 @@ def estimate_smoother(
         trace.accel_bias_std,
         trace.attitude_std,
     )
-    return finish(data, trace, smoother, method="smoother", params=params)
+    return finish_filtered(data, trace, smoother, method="smoother", params=params)

@@ -429,6 +429,18 @@ void retrace(Smoother& s, const Vector& time, const Rows& gyro, const Rows& acce
     });
 }
 
+// Of the horizontal velocity innovations, per epoch: how well the noise parameters explain what the filter did not foresee.
+double log_likelihood(const Smoother& s) {
+    double sum = 0.0;
+    size_t count = 0;
+    for (const auto& r : s.sink.records) {
+        if (!(r.variance > 0.0)) continue;
+        sum -= log(r.variance) + 0.5 * norm2(r.error) / r.variance;
+        count += 1;
+    }
+    return count > 0 ? sum / double(count) : NAN;
+}
+
 void bind_smoother(nb::module_& m) {
     nb::class_<Smoother>(m, "SmootherF64")
         .def(
@@ -452,9 +464,36 @@ void bind_smoother(nb::module_& m) {
                        velocity_out, status, gyro_bias_std, accel_bias_std, attitude_std);
         })
         .def("retrace", &retrace)
+        .def_prop_ro("log_likelihood", &log_likelihood)
         .def_prop_ro("raw_events", [](const Smoother& s) { return events(s.stream); })
         .def_prop_ro("vertical_axis", [](const Smoother& s) { return vertical_axis(s.stream); })
         .def_prop_ro("innovation_ratio", [](const Smoother& s) { return sqrt(double(s.stream.estimator.surprise)); });
+}
+
+template <class S>
+void bind_ekf(nb::module_& m, const char* name) {
+    auto c = bind_stream<Ekf<S>>(m, name, 4);
+    c.def(
+        "__init__",
+        [](Stream<Ekf<S>>* self, double min_course_speed, double gravity, nb::handle lever_arm, double gyro_noise, double accel_noise,
+           double gyro_bias_walk, double accel_bias_walk, double velocity_std, double initial_gyro_bias_std,
+           double initial_accel_bias_std, double latitude, nb::handle gyro_bias, nb::handle accel_bias) {
+            // The platform's time constants have no meaning for a Kalman filter.
+            EkfParams<S> k{platform_params<S>(1.0, 1.0, min_course_speed, gravity, lever_arm), S(gyro_noise), S(accel_noise),
+                           S(gyro_bias_walk), S(accel_bias_walk), S(velocity_std), S(initial_gyro_bias_std),
+                           S(initial_accel_bias_std), S(latitude)};
+            new (self) Stream<Ekf<S>>(
+                Stream<Ekf<S>>::make(k, vec3<S>(gyro_bias, "gyro_bias"), vec3<S>(accel_bias, "accel_bias")));
+        },
+        nb::kw_only(), "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "gyro_noise"_a, "accel_noise"_a, "gyro_bias_walk"_a,
+        "accel_bias_walk"_a, "velocity_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a, "latitude"_a, "gyro_bias"_a,
+        "accel_bias"_a);
+    c.def_prop_ro("covariance", [](const Stream<Ekf<S>>& s) {
+        constexpr int n = ekf_states;
+        double values[n * n];
+        for (int i = 0; i < n * n; ++i) values[i] = double(s.estimator.covariance[i / n][i % n]);
+        return nb::cast(nb::ndarray<nb::numpy, const double, nb::shape<n, n>>(values), nb::rv_policy::copy);
+    }, "Covariance (15, 15) of the errors of position, velocity (NED), attitude (NED rotation vector), gyro and accel bias.");
 }
 
 }  // namespace
@@ -468,5 +507,7 @@ NB_MODULE(_kernel, m) {
     bind_phasor<double>(m, "PhasorF64");
     bind_phasor<float>(m, "PhasorF32");
     bind_smoother(m);
+    bind_ekf<double>(m, "EkfF64");
+    bind_ekf<float>(m, "EkfF32");
     m.attr("DEFAULT_GRAVITY") = standard_gravity;
 }

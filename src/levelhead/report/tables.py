@@ -42,6 +42,14 @@ PARAMETERS: Final[dict[str, tuple[str, str, str]]] = {
     "gravity": ("gravity", "m/s²", "length of the gravity vector"),
     "lever_arm": ("lever arm", "m", "from the IMU to the antenna: forward, right, down"),
     "gain": ("gain", "", "general: by the vertical angular rate; paper: by the body's z rate, Eq. (12)"),
+    "gyro_noise": ("gyro noise", "rad/s/√Hz", "noise density of the gyros, one-sided"),
+    "accel_noise": ("accel noise", "m/s²/√Hz", "noise density of the accelerometers with the vibration, one-sided"),
+    "gyro_bias_walk": ("gyro bias walk", "rad/s/√s", "random walk of the gyro biases"),
+    "accel_bias_walk": ("accel bias walk", "m/s²/√s", "random walk of the accelerometer biases"),
+    "velocity_std": ("velocity sigma", "m/s", "of a GNSS velocity, where the log does not tell it"),
+    "initial_gyro_bias_std": ("initial gyro bias sigma", "rad/s", "of the gyro biases before the drive"),
+    "initial_accel_bias_std": ("initial accel bias sigma", "m/s²", "of the accelerometer biases before the drive"),
+    "latitude": ("latitude", "rad", "for the Earth's rotation; absent: not compensated"),
     "feedback": ("feedback", "", "true: estimates are subtracted from the platform's input; false: black box"),
 }
 """Per parameter: the name for the reader, the unit inside, the meaning. One that is not here is shown as it is."""

@@ -4,6 +4,7 @@
 #ifndef LEVELHEAD_LEVELHEAD_HPP
 #define LEVELHEAD_LEVELHEAD_HPP
 
+#include "ekf.hpp"
 #include "observer.hpp"
 #include "phasor.hpp"
 #include "retrace.hpp"

@@ -4,9 +4,10 @@
 #ifndef LEVELHEAD_PHASOR_HPP
 #define LEVELHEAD_PHASOR_HPP
 
+#include "earth.hpp"
 #include "phasor_model.hpp"
 #include "platform.hpp"
-#include "status.hpp"
+#include "settled.hpp"
 
 namespace levelhead {
 
@@ -22,42 +23,13 @@ struct PhasorParams {
     S gravity_std;                 // shown in the sigma of the vertical accelerometer bias only, m/s^2
 };
 
-constexpr double earth_rate = 7.292115e-5;     // rad/s
-constexpr double earth_radius = 6.371e6;       // m: the transport rate needs no better
 constexpr double longest_step = 1.0;           // the covariance moves at least this often, s ...
 constexpr double largest_turn = 0.35;          // ... and at least once per such a turn: within it the rate counts as even, rad
 constexpr double unknown_heading_var = 10.0;   // any heading: more than pi^2/3, rad^2
-constexpr double gap_rate = 0.01;              // least that the angular rate across an IMU gap can be off, rad/s
-constexpr double gap_force = 0.2;              // the same for the specific force, m/s^2
-constexpr double settled_gyro = 1.7453e-4;     // 0.01 deg/s: twice this is what a user calls known, rad/s
-constexpr double settled_accel = 0.02;         // m/s^2
-constexpr double settled_heading = 0.01745;    // 1 deg, rad
-constexpr double enough_turning = 0.1;         // integral of the squared yaw rate: about a quarter turn at 5 deg/s, rad^2/s
-constexpr double joint_correlation = 0.9;      // squared correlation above which two biases are one combination
 
-// The Earth's rotation, NED; zero where the latitude is not known.
-template <class S>
-Vec3<S> earth_rotation(const PhasorParams<S>& k) {
-    if (!(k.latitude == k.latitude)) return {S(0), S(0), S(0)};
-    return {S(earth_rate) * cosine(k.latitude), S(0), S(-earth_rate) * sine(k.latitude)};
-}
-
-// The rate of the NED frame on its way over the turning Earth.
-template <class S>
-Vec3<S> earth_and_transport(const PhasorParams<S>& k, const Vec3<S>& v) {
-    if (!(k.latitude == k.latitude)) return {S(0), S(0), S(0)};
-    const S per_radius = S(1.0 / earth_radius), tangent = sine(k.latitude) / maximum(cosine(k.latitude), S(0.01));
-    return earth_rotation(k) + Vec3<S>{v.y * per_radius, -v.x * per_radius, -v.y * per_radius * tangent};
-}
-
-template <class S>
-Vec3<S> coriolis_acceleration(const PhasorParams<S>& k, const Vec3<S>& v) {
-    return cross(earth_rotation(k) + earth_and_transport(k, v), v) * S(-1);
-}
-
-constexpr double gate_pair = 16.0;             // squared normalised horizontal innovation: one in 3000 is above it by chance
-constexpr double gate_one = 14.0;              // the same for one real innovation: one in 5000
-constexpr double sideslip_time = 2.0;          // s
+constexpr double gate_pair = 16.0;     // squared normalised horizontal innovation: one in 3000 is above it by chance
+constexpr double gate_one = 14.0;      // the same for one real innovation: one in 5000
+constexpr double sideslip_time = 2.0;  // how long a sideslip stays, s
 
 // Listens to the filter; this one does nothing and costs nothing.
 struct NoRecorder {
@@ -118,12 +90,10 @@ struct Phasor {
 
     void restart(const Params&, const Vec3<S>& specific_force) { levelhead::restart(platform, specific_force); }
 
-    // The trapezoid across a gap is a guess; what the readings changed by meanwhile tells how bad it can be.
-    void bridged(S length, const Vec3<S>& delta_gyro, const Vec3<S>& delta_accel) {
-        const S angle = (S(0.5) * norm(delta_gyro) + S(gap_rate)) * length;
-        const S speed = (S(0.5) * norm(delta_accel) + S(gap_force)) * length;
-        gap_tilt = gap_tilt + angle * angle;
-        gap_velocity = gap_velocity + speed * speed;
+    void bridged(S gap, const Vec3<S>& gyro_change, const Vec3<S>& accel_change) {
+        const HiddenMotion<S> hidden = hidden_motion(gap, gyro_change, accel_change);
+        gap_tilt = gap_tilt + hidden.tilt;
+        gap_velocity = gap_velocity + hidden.velocity;
     }
 
     LEVELHEAD_HOT void step(const Params&, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
@@ -175,14 +145,8 @@ struct Phasor {
     }
 
     uint32_t settled() const {
-        const bool gyro = horizontal.gg < S(settled_gyro * settled_gyro);
-        const bool accel = horizontal.aa < S(settled_accel * settled_accel);
-        const bool joint = norm2(horizontal.ga) > S(joint_correlation) * horizontal.gg * horizontal.aa;
-        const bool course = turning.bb < S(settled_gyro * settled_gyro) && turning.xx < S(settled_heading * settled_heading);
-        const bool has_turned = turned > S(enough_turning);
-        return (gyro ? GYRO_SETTLED : 0u) | (accel ? ACCEL_SETTLED : 0u) |
-               (!accel && !has_turned ? ACCEL_UNOBSERVABLE : 0u) |
-               (!accel && has_turned && joint ? UNSEPARATED : 0u) | (course ? HEADING_SETTLED : 0u);
+        return settled_bits(square_root(horizontal.gg), square_root(horizontal.aa), square_root(turning.bb),
+                            square_root(turning.xx), turned > S(enough_turning));
     }
 
     Sigma<S> sigma() const {
@@ -232,11 +196,13 @@ struct Phasor {
         azimuth = u * (S(1.5) - S(0.5) * norm2(u));  // one Newton step towards |u| = 1
     }
 
-    // Coriolis acceleration over the time t, and the rate for the platform to turn at from here on.
+    // Coriolis acceleration over the time t, and the rate for the platform to turn at from here on. Before the heading is
+    // known nobody knows where North is, and only the vertical part can be taken off.
     void feel_the_earth(const Params& k, S t) {
-        if (!(k.latitude == k.latitude)) return;
-        platform.velocity_ned = platform.velocity_ned + coriolis_acceleration(k, platform.velocity_ned) * t;
-        platform.control_rate_ned = earth_and_transport(k, platform.velocity_ned);
+        const FrameRate<S> rate = frame_rate(k.latitude, platform.velocity_ned);
+        const auto known = platform.heading_known > S(0.5);
+        platform.velocity_ned = platform.velocity_ned - cross(rate.coriolis, platform.velocity_ned) * select(known, t, S(0));
+        platform.control_rate_ned = select(known, rate.turn, Vec3<S>{S(0), S(0), rate.turn.z});
         platform.hold = S(1e9);
     }
 
@@ -312,6 +278,9 @@ struct Phasor {
         const S r = single_course_variance(k, e, fix), s = turning.xx + r;
         recorder.turned(measure(turning, r), s, -angle);
         share = PhasorVector<S>{};
+        // Until now the Earth's horizontal rate had no direction and went into the gyro bias.
+        const Vec3<S> turn = frame_rate(k.latitude, platform.velocity_ned).turn;
+        horizontal.gg = horizontal.gg + S(0.5) * (turn.x * turn.x + turn.y * turn.y);
     }
 
     // A level-frame bias (horizontal, down) as seen by the body's axes.

@@ -237,6 +237,22 @@ Vec3<S> current_velocity(const PlatformState<S>& p, S gravity, S since_epoch) {
     return p.velocity_ned + p.delta_velocity + Vec3<S>{S(0), S(0), gravity * since_epoch};
 }
 
+// A bridged IMU gap hides motion: half of what the readings changed across it, and this much more.
+constexpr double gap_rate = 0.01;   // rad/s
+constexpr double gap_accel = 0.2;   // m/s^2
+
+template <class S>
+struct HiddenMotion {
+    S tilt, velocity;  // variances per axis that a filter has to add, rad^2 and m^2/s^2
+};
+
+template <class S>
+HiddenMotion<S> hidden_motion(S gap, const Vec3<S>& gyro_change, const Vec3<S>& accel_change) {
+    const S angle = (norm(gyro_change) * S(0.5) + S(gap_rate)) * gap;
+    const S speed = (norm(accel_change) * S(0.5) + S(gap_accel)) * gap;
+    return {angle * angle, speed * speed};
+}
+
 // One sigma of what an estimator shows; NaN where it does not know it.
 template <class S>
 struct Sigma {

@@ -62,13 +62,14 @@ struct Walk {
         platform = PlatformState<S>{};
         platform.dcm_body_to_ned = r.dcm_body_to_ned;
         start_velocity = platform.velocity_ned = r.velocity_ned;
-        platform.control_rate_ned = earth_and_transport(k, r.velocity_ned);
+        const FrameRate<S> rate = frame_rate(k.latitude, r.velocity_ned);
+        platform.control_rate_ned = rate.turn;
         platform.hold = S(1e9);
         start = time = r.time;
         gyro_bias = w;
         accel_bias = f;
         gravity = k.platform.gravity;
-        coriolis = coriolis_acceleration(k, r.velocity_ned);
+        coriolis = cross(rate.coriolis, r.velocity_ned) * S(-1);
     }
 
     // To the time t, within the step between the samples `after - 1` and `after`.

@@ -132,7 +132,7 @@ struct Stream {
         const double t = pending_time;
         const bool first = !(epoch_time > no_time);
         const double length = first ? 0.0 : t - epoch_time;
-        if (length > longest()) note(events[S_COAST], t);
+        if (length > max_interval || length > longest()) note(events[S_COAST], t);
         const bool usable = !first && !broken && length <= longest();
         const Interval<S> i = estimator.epoch(params, {S(length), usable, pending_velocity, pending_std});
         if (!any(i.waiting > S(0.5))) {

@@ -1,0 +1,72 @@
+"""What methods with a covariance share: their own sigma says what is known."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from levelhead.conventions import FloatArray
+from levelhead.estimators.base import Result, SensorData, Status
+from levelhead.estimators.params import FilterParams
+from levelhead.estimators.streaming import KernelStream, Trace, interpolated_position
+from levelhead.estimators.trust import Flags, first_settled, mostly_backwards
+from levelhead.events import Event
+
+KNOWN_GYRO_STD: Final = math.radians(0.01)
+"""A gyro bias with a smaller sigma is known, rad/s; the same as in the header `settled.hpp`."""
+KNOWN_ACCEL_STD: Final = 0.02
+"""The same for the accelerometer, m/s^2."""
+LEARNT: Final = 0.5
+"""What is known has at most this part of its initial sigma left: a prior alone is no knowledge of this drive."""
+
+
+def _known(sigma: FloatArray, limit: float, prior: float) -> Flags:
+    x, y, z = (bool(s < limit and s < LEARNT * prior) for s in sigma)
+    return x, y, z
+
+
+def finish_filtered(
+    data: SensorData,
+    trace: Trace,
+    stream: KernelStream,
+    *,
+    method: str,
+    params: FilterParams,
+    warnings: tuple[Event, ...] = (),
+) -> Result:
+    """Turn a run of a filter with a covariance into a `Result`: what is known in the end is what its sigma says."""
+    known_gyro = _known(trace.gyro_bias_std[-1], KNOWN_GYRO_STD, params.initial_gyro_bias_std)
+    known_accel = _known(trace.accel_bias_std[-1], KNOWN_ACCEL_STD, params.initial_accel_bias_std)
+    backwards = mostly_backwards(trace.status)
+    if backwards:
+        known_gyro = known_accel = (False, False, False)
+    vertical = stream.vertical_axis
+    settled = {
+        name: first_settled(data.time, trace.status, flag) if any(np.delete(known, vertical)) else None
+        for name, known, flag in (
+            ("gyro", known_gyro, Status.GYRO_SETTLED),
+            ("accel", known_accel, Status.ACCEL_SETTLED),
+        )
+    }
+    return Result(
+        time=data.time,
+        gyro_bias=trace.gyro_bias,
+        accel_bias=trace.accel_bias,
+        gyro_bias_std=trace.gyro_bias_std,
+        accel_bias_std=trace.accel_bias_std,
+        roll=trace.attitude[:, 0],
+        pitch=trace.attitude[:, 1],
+        heading=trace.attitude[:, 2],
+        attitude_std=trace.attitude_std,
+        velocity_ned=trace.velocity_ned,
+        position_llh=interpolated_position(data),
+        status=trace.status,
+        method=method,
+        params=params.as_dict(),
+        known_gyro=known_gyro,
+        known_accel=known_accel,
+        settled_at_s=settled,
+        events=trace.events + warnings + backwards,
+    )
