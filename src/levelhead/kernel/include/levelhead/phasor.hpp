@@ -68,7 +68,7 @@ struct Phasor {
     Vec3<S> gyro_bias, accel_bias;
     PhasorCovariance<S> horizontal;
     PairCovariance<S> turning, lifting;  // heading & vertical gyro bias; vertical velocity & accelerometer bias
-    PhasorVector<S> share;               // of the heading error in the four, on top of their covariance
+    HeadingShare<S> share;               // of the first pair's errors in the four, on top of their covariance
     Complex<S> azimuth;                  // e^{i alpha}: the level frame's x axis in North + i East
     S elapsed;                           // since the covariance moved, s
     S gap_tilt, gap_velocity;            // variances to add for bridged IMU gaps
@@ -150,10 +150,9 @@ struct Phasor {
     }
 
     Sigma<S> sigma() const {
-        const S h = platform.heading_known > S(0.5) ? S(0.5) * turning.xx : S(0);
-        return level_sigma(platform.dcm_body_to_ned.z, horizontal.gg + h * norm2(share.g), turning.bb,
-                           horizontal.aa + h * norm2(share.a), lifting.bb + gravity_var, horizontal.tt + h * norm2(share.t),
-                           turning.xx);
+        return level_sigma(platform.dcm_body_to_ned.z, horizontal.gg + shared_variance(turning, share.x.g, share.b.g), turning.bb,
+                           horizontal.aa + shared_variance(turning, share.x.a, share.b.a), lifting.bb + gravity_var,
+                           horizontal.tt + shared_variance(turning, share.x.t, share.b.t), turning.xx);
     }
 
   private:
@@ -170,14 +169,9 @@ struct Phasor {
         const Transition<S> f = transition(t, phi, force);
         propagate(horizontal, f);
         // A heading that is not known has no small error that could be estimated.
-        const S heading_before = turning.xx;
-        propagate(turning, t, k.noise.gyro, k.noise.gyro_walk);
-        turning.xx = turning.xx + gap_tilt;
         Complex<S> push = {S(0), S(0)};
-        if (p.heading_known > S(0.5)) {
-            push = times_i(to_level(dv.x, dv.y));
-            propagate_share(share, horizontal, f, push, heading_before, turning.xx);
-        }
+        if (p.heading_known > S(0.5)) push = times_i(to_level(dv.x, dv.y));
+        propagate(turning, share, horizontal, f, push, t, k.noise.gyro * t + gap_tilt, k.noise.gyro_walk);
         add_noise(horizontal, k.noise, t, force);
         horizontal.tt = horizontal.tt + gap_tilt;
         horizontal.nn = horizontal.nn + gap_velocity;
@@ -239,8 +233,8 @@ struct Phasor {
                (e.trusted ? S(0) : norm2(lean));
         p.nn = r;
         p.nt = {S(0), r * e.rate * over_g};
-        share = PhasorVector<S>{};
-        if (e.trusted) share.t = lean;
+        share = HeadingShare<S>{};
+        if (e.trusted) share.x.t = lean;
         recorder.moved(*this, f, {S(0), S(0)}, fix.length, true);
         lifting.xx = velocity_variance(k, fix.std.z);
         lifting.xb = S(0);
@@ -269,7 +263,7 @@ struct Phasor {
         lifting.xx = velocity_variance(k, fix.std.z);
         lifting.xb = S(0);
         platform.velocity_ned = velocity;
-        share.n = {S(0), S(0)};
+        share.x.n = share.b.n = {S(0), S(0)};
         recorder.moved(*this, f, {S(0), S(0)}, S(0), false);
     }
 
@@ -277,7 +271,7 @@ struct Phasor {
     void take_course(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S angle) {
         const S r = single_course_variance(k, e, fix), s = turning.xx + r;
         recorder.turned(measure(turning, r), s, -angle);
-        share = PhasorVector<S>{};
+        share = HeadingShare<S>{};
         // Until now the Earth's horizontal rate had no direction and went into the gyro bias.
         const Vec3<S> turn = frame_rate(k.latitude, platform.velocity_ned).turn;
         horizontal.gg = horizontal.gg + S(0.5) * (turn.x * turn.x + turn.y * turn.y);
@@ -305,7 +299,7 @@ struct Phasor {
         const S innovation = steer ? -course_innovation(p, steer, e.course) : S(0);
         const S r = velocity_variance(k, horizontal_std(fix.std)), r_down = velocity_variance(k, fix.std.z);
         const S r_course = steer ? course_variance(k, e, fix) : S(1);
-        const S plain = horizontal.nn + r + S(0.5) * turning.xx * norm2(share.n);
+        const S plain = horizontal.nn + r + shared_variance(turning, share.x.n, share.b.n);
         const S f = doubt(z, plain, error.z, lifting.xx + r_down, innovation, turning.xx + r_course);
         surprises = minimum(surprises + S(1), S(1e5));
         surprise = surprise + (S(0.5) * norm2(z) / (plain * f) - surprise) / surprises;
@@ -314,8 +308,7 @@ struct Phasor {
         const PhasorVector<S> gain = measure_velocity(horizontal, s);
         const HeadingGain<S> aside = measure_velocity(turning, share, gain, s);
         recorder.corrected(gain, aside, s, z);
-        const S told = inner(aside.seen, z);
-        S turn = aside.x * told, turn_bias = aside.b * told;
+        S turn = inner(aside.x, z), turn_bias = inner(aside.b, z);
 
         const S lifted_r = r_down * f + (f - S(1)) * lifting.xx, s_down = lifting.xx + lifted_r;
         const PairGain<S> lift = measure(lifting, lifted_r);
@@ -329,8 +322,8 @@ struct Phasor {
             turn_bias = turn_bias + steered.b * y;
         }
 
-        // The four give up what the heading had put into them.
-        const PhasorVector<S> x = gain * z + share * turn;
+        // The four give up what the pair had put into them.
+        const PhasorVector<S> x = gain * z + share.x * turn + share.b * turn_bias;
         const Complex<S> nu = azimuth * x.n, theta = azimuth * x.t;
         p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, lift.x * error.z};
         add_bias(gyro_bias, x.g, turn_bias);
