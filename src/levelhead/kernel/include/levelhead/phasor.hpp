@@ -25,7 +25,10 @@ struct PhasorParams {
 
 constexpr double longest_step = 1.0;           // the covariance moves at least this often, s ...
 constexpr double largest_turn = 0.35;          // ... and at least once per such a turn: within it the rate counts as even, rad
-constexpr double unknown_heading_var = 10.0;   // any heading: more than pi^2/3, rad^2
+// An unknown heading has no variance; this one is large enough that the first course says nothing about the gyro bias, however
+// long the vehicle has stood before, rad^2.
+constexpr double unknown_heading_var = 1e6;
+constexpr double least_velocity_std = 1e-4, most_velocity_std = 1e3;  // what a fix may claim of itself, m/s
 
 constexpr double gate_pair = 16.0;     // squared normalised horizontal innovation: one in 3000 is above it by chance
 constexpr double gate_one = 14.0;      // the same for one real innovation: one in 5000
@@ -88,7 +91,14 @@ struct Phasor {
         gravity_var = k.gravity_std * k.gravity_std;
     }
 
-    void restart(const Params&, const Vec3<S>& specific_force) { levelhead::restart(platform, specific_force); }
+    // The biases have wandered on while nobody looked.
+    void restart(const Params& k, const Vec3<S>& specific_force, S lost) {
+        levelhead::restart(platform, specific_force);
+        horizontal.gg = horizontal.gg + k.noise.gyro_walk * lost;
+        turning.bb = turning.bb + k.noise.gyro_walk * lost;
+        horizontal.aa = horizontal.aa + k.noise.accel_walk * lost;
+        lifting.bb = lifting.bb + k.noise.accel_walk * lost;
+    }
 
     void bridged(S gap, const Vec3<S>& gyro_change, const Vec3<S>& accel_change) {
         const HiddenMotion<S> hidden = hidden_motion(gap, gyro_change, accel_change);
@@ -150,9 +160,12 @@ struct Phasor {
     }
 
     Sigma<S> sigma() const {
-        return level_sigma(platform.dcm_body_to_ned.z, horizontal.gg + shared_variance(turning, share.x.g, share.b.g), turning.bb,
+        const S any_angle = S(pi * pi), heading = platform.heading_known > S(0.5) ? turning.xx : any_angle;
+        Sigma<S> out = level_sigma(platform.dcm_body_to_ned.z, horizontal.gg + shared_variance(turning, share.x.g, share.b.g), turning.bb,
                            horizontal.aa + shared_variance(turning, share.x.a, share.b.a), lifting.bb + gravity_var,
-                           horizontal.tt + shared_variance(turning, share.x.t, share.b.t), turning.xx);
+                           horizontal.tt + shared_variance(turning, share.x.t, share.b.t), heading);
+        if (!(platform.aligned > S(0.5))) out.attitude = {S(pi), S(pi), S(pi)};
+        return out;
     }
 
   private:
@@ -177,8 +190,11 @@ struct Phasor {
         horizontal.nn = horizontal.nn + gap_velocity;
         propagate(lifting, t, k.noise.accel, k.noise.accel_walk);
         lifting.xx = lifting.xx + gap_velocity;
-        yaw_rate = t > S(0) ? phi / t : S(0);
-        if (t > S(0)) turned = minimum(turned + phi * phi / t, S(1e3));
+        // A tick may have come at the very epoch: nothing has moved since, and the yaw rate is still what it was.
+        if (t > S(0)) {
+            yaw_rate = phi / t;
+            turned = minimum(turned + phi * yaw_rate, S(1e3));
+        }
         recorder.moved(*this, f, push, t, false);
         elapsed = gap_tilt = gap_velocity = p.turn = S(0);
         p.delta_velocity = {S(0), S(0), S(0)};
@@ -201,25 +217,27 @@ struct Phasor {
     }
 
     S velocity_variance(const Params& k, S std) const {
-        const S known = std == std ? std : k.velocity_std;
+        const S known = std == std ? clamp(std, S(least_velocity_std), S(most_velocity_std)) : k.velocity_std;
         return known * known;
     }
 
     Complex<S> to_level(S north, S east) const { return conj(azimuth) * Complex<S>{north, east}; }
 
-    // After levelling, what the accelerometers read amiss is in the tilt: theta = (i beta_a - i dn/T) / g, plus the turn by the
-    // gyro bias since the middle of the interval.
+    // After levelling, what the accelerometers read amiss is in the tilt: theta = i (mean of beta_a - dn/T) / g, plus what the
+    // gyro bias has turned since. In a turn the mean of a bias is not the bias: the integrals are those of a transition.
     void align_covariance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) {
         PhasorCovariance<S>& p = horizontal;
         const S over_g = S(1) / k.platform.gravity, half = S(0.5) * fix.length;
+        const Transition<S> through = transition(fix.length, platform.turn, k.platform.gravity);
         const S r = velocity_variance(k, horizontal_std(fix.std));
         azimuth = {S(1), S(0)};
+        yaw_rate = platform.turn * e.rate;
         platform.turn = elapsed = gap_tilt = gap_velocity = S(0);
         platform.velocity_ned = e.velocity;
         feel_the_earth(k, S(0));
         Transition<S> f{};
-        f.tg = {half, S(0)};
-        f.ta = {S(0), over_g};
+        f.tg = times_i(conj(through.ng * conj(through.nn))) * (over_g * e.rate);
+        f.ta = times_i(through.na) * (over_g * e.rate);
         p.nn = S(0);
         p.nt = p.ng = p.na = {S(0), S(0)};
         p.tt = S(0);

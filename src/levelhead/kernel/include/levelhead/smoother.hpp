@@ -30,6 +30,7 @@ struct SmootherRecord {
     double time;
     S length;
     bool fresh;  // the attitude began anew: it is no continuation of the record before
+    bool heading_known;  // by then; after smoothing: ever, until the attitude begins anew
     Transition<S> moved;
     S variance;  // of the velocity innovation; 0: nothing was measured
     Complex<S> error;
@@ -81,6 +82,7 @@ struct Recording {
         now.gyro_bias = f.gyro_bias;
         now.accel_bias = f.accel_bias;
         now.azimuth = f.azimuth;
+        now.heading_known = f.platform.heading_known > S(0.5);
         sink->push(now);
     }
 
@@ -269,7 +271,7 @@ void replace_by_smoothed(SmootherRecord<S>& r, const Adjoint<S>& a, const Adjoin
     const PairCovariance<S> left = smoothed(t, m.turn);
     r.sigma = level_sigma(r.dcm_body_to_ned.z, gyro + shared_variance(left, share.x.g, share.b.g), left.bb,
                           accel + shared_variance(left, share.x.a, share.b.a), smoothed(l, m.lift).bb + gravity_var,
-                          tilt + shared_variance(left, share.x.t, share.b.t), left.xx);
+                          tilt + shared_variance(left, share.x.t, share.b.t), r.heading_known ? left.xx : S(pi * pi));
 }
 
 // Replace the filter's state in each record by the smoothed one. Records in time order; `gravity_var` as in the filter.
@@ -278,6 +280,7 @@ void smooth(SmootherRecord<S>* records, long count, S gravity_var) {
     Adjoint<S> a{};
     AdjointVariance<S> m{};
     for (long k = count - 1; k >= 0; --k) {
+        if (k + 1 < count && !records[k + 1].fresh && records[k + 1].heading_known) records[k].heading_known = true;
         replace_by_smoothed(records[k], a, m, gravity_var);
         step_back(a, records[k]);
         step_back(m, records[k]);
