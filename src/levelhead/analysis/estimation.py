@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TypeVar
 
 from levelhead.errors import UsageError
 from levelhead.estimators import METHODS
 from levelhead.estimators.base import Result, SensorData
 from levelhead.estimators.likelihood import fit_noise
-from levelhead.estimators.params import FilterParams, Initial, MethodParams
+from levelhead.estimators.params import FilterParams, Initial, MethodParams, NoiseParams
 from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress
 from levelhead.events import Event, merge_events
@@ -17,6 +18,8 @@ from levelhead.logs.derive import velocity_from_position
 from levelhead.logs.log import Log
 
 DEFAULT_METHOD = "smoother"
+
+N = TypeVar("N", bound=NoiseParams)
 
 
 def estimate(
@@ -27,6 +30,7 @@ def estimate(
     initial: Initial | None = None,
     lever_arm: tuple[float, float, float] | None = None,
     progress: Progress | None = None,
+    noise: NoiseParams | None = None,
 ) -> Result:
     """Estimate the sensor biases and the attitude over a whole log.
 
@@ -46,6 +50,9 @@ def estimate(
         From the IMU to the GNSS antenna, body axes, m; takes the place of the one in `params`.
     progress : callable, optional
         Called with the fraction done.
+    noise : NoiseParams, optional
+        What is random in the sensors, from which "observer" and "two-stage" tell how sure they are; their estimates do
+        not depend on it. The other methods have it in `params`.
 
     Returns
     -------
@@ -71,18 +78,27 @@ def estimate(
         )
     if lever_arm is not None:
         constants = replace(constants, lever_arm=lever_arm)
+    if noise is not None and not chosen.takes_noise:
+        raise UsageError(
+            f"The method {method!r} has its noise in params; pass {chosen.params.__name__} instead of noise."
+        )
     data = log if log.velocity_ned is not None else velocity_from_position(log)
     found: tuple[Event, ...] = ()
     if isinstance(constants, FilterParams):
         if log.meta.get("earth_rotation", True):  # a simulated Earth may stand still
             constants = at_place(constants, data)
         if params is None:
-            constants, found = with_noise_of(data, constants)
-    result = chosen.run(data, constants, initial, progress)
+            constants, found = noise_of(data, constants)
+    if chosen.takes_noise:
+        if noise is None:
+            noise, found = noise_of(data, NoiseParams())
+        result = chosen.run(data, constants, initial, progress, noise=noise)
+    else:
+        result = chosen.run(data, constants, initial, progress)
     return replace(result, log_info=log.describe(), events=merge_events((*data.events, *result.events, *found)))
 
 
-def with_noise_of(data: SensorData, params: FilterParams) -> tuple[FilterParams, tuple[Event, ...]]:
+def noise_of(data: SensorData, params: N) -> tuple[N, tuple[Event, ...]]:
     """Return the parameters with the sensor noise found from the log, and the event that says so."""
     gyro, accel = fit_noise(data, params)
     detail = f"gyro {math.degrees(gyro):.2g} deg/s/sqrt(Hz), accelerometer {accel:.2g} m/s^2/sqrt(Hz)."

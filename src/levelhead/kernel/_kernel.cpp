@@ -8,6 +8,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "_epochs.hpp"
 #include "levelhead/levelhead.hpp"
 
 namespace nb = nanobind;
@@ -219,11 +220,13 @@ void show(const Stream& s, const Outputs& out, size_t i) {
     }
 }
 
-// Feed samples and epochs in time order, an epoch after the sample of the same stamp. Returns the epochs used up.
-template <class Stream>
-size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time, const Rows& velocity,
-           const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out, RowsOut velocity_out,
-           StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
+// Feed samples and epochs in time order, an epoch after the sample of the same stamp. Returns the epochs used up. `watch`
+// is called after whatever may have closed an interval.
+template <class Stream, class Watch>
+size_t run_watched(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
+                   const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
+                   RowsOut velocity_out, StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std,
+                   Watch watch) {
     using S = typename Stream::S;
     const size_t n = time.shape(0), m = gnss_time.shape(0);
     if (gyro.shape(0) != n || accel.shape(0) != n || gyro_bias.shape(0) != n || accel_bias.shape(0) != n ||
@@ -245,13 +248,23 @@ size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, c
             ++j;
         }
         s.imu(t[i], row<S>(w + 3 * i), row<S>(f + 3 * i));
+        watch();
         while (j < m && tg[j] == t[i]) {
             s.gnss(tg[j], row<S>(v + 3 * j), row<S>(sd + 3 * j));
+            watch();
             ++j;
         }
         show(s, out, i);
     }
     return j;
+}
+
+template <class Stream>
+size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time, const Rows& velocity,
+           const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out, RowsOut velocity_out,
+           StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
+    return run_watched(s, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out, velocity_out,
+                       status, gyro_bias_std, accel_bias_std, attitude_std, [] {});
 }
 
 template <class S>
@@ -307,9 +320,30 @@ nb::class_<Stream<Estimator>> bind_stream(nb::module_& m, const char* name, uint
     return c;
 }
 
+// The same, keeping what the uncertainty needs of every closed interval; an array of as many rows as could be closed.
+template <class Stream>
+size_t run_recorded(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
+                    const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
+                    RowsOut velocity_out, StatusOut status, RowsOut no_gyro_std, RowsOut no_accel_std, RowsOut no_attitude_std,
+                    EpochsOut epochs) {
+    if (epochs.shape(0) < gnss_time.shape(0) + 1)
+        throw nb::value_error("The array of epochs needs one row more than there are epochs.");
+    double* out = epochs.data();
+    uint32_t closed = s.closed;
+    run_watched(s, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out, velocity_out, status,
+                no_gyro_std, no_accel_std, no_attitude_std, [&] {
+                    if (s.closed == closed) return;
+                    closed = s.closed;
+                    put_epoch(out, s.gnss_time, s.interval);
+                    out += epoch_columns;
+                });
+    return size_t(out - epochs.data()) / epoch_columns;
+}
+
 // What the fixed-gain estimators show besides.
 template <class Estimator>
-void bind_residual(nb::class_<Stream<Estimator>>& c) {
+void bind_fixed_gain(nb::class_<Stream<Estimator>>& c) {
+    c.def("run_recorded", &run_recorded<Stream<Estimator>>);
     c.def_prop_ro("residual", [](const Stream<Estimator>& s) {
         const auto r = residual_squared(s.estimator.excitation);
         return nb::make_tuple(sqrt(double(r.gyro)), sqrt(double(r.accel)), sqrt(double(r.heading)));
@@ -319,7 +353,7 @@ void bind_residual(nb::class_<Stream<Estimator>>& c) {
 template <class S>
 void bind_observer(nb::module_& m, const char* name) {
     auto c = bind_stream<Observer<S>>(m, name, 1);
-    bind_residual(c);
+    bind_fixed_gain(c);
     c.def(
         "__init__",
         [](Stream<Observer<S>>* self, double tau, double tau_heading, double min_course_speed, double gravity, nb::handle lever_arm,
@@ -336,7 +370,7 @@ void bind_observer(nb::module_& m, const char* name) {
 template <class S>
 void bind_two_stage(nb::module_& m, const char* name) {
     auto c = bind_stream<TwoStage<S>>(m, name, 2);
-    bind_residual(c);
+    bind_fixed_gain(c);
     c.def(
         "__init__",
         [](Stream<TwoStage<S>>* self, double tau, double tau_heading, double min_course_speed, double gravity, nb::handle lever_arm,
@@ -508,5 +542,6 @@ NB_MODULE(_kernel, m) {
     bind_smoother(m);
     bind_ekf<double>(m, "EkfF64");
     bind_ekf<float>(m, "EkfF32");
+    bind_covariance(m);
     m.attr("DEFAULT_GRAVITY") = standard_gravity;
 }

@@ -58,6 +58,25 @@ class _Stream:
     def sigma(self) -> tuple[FloatArray, FloatArray, FloatArray]: ...
 
 class _FixedGain(_Stream):
+    def run_recorded(
+        self,
+        time: FloatArray,
+        gyro: FloatArray,
+        accel: FloatArray,
+        gnss_time: FloatArray,
+        velocity_ned: FloatArray,
+        velocity_std: FloatArray,
+        gyro_bias: FloatArray,
+        accel_bias: FloatArray,
+        attitude: FloatArray,
+        velocity: FloatArray,
+        status: StatusArray,
+        gyro_bias_std: FloatArray,
+        accel_bias_std: FloatArray,
+        attitude_std: FloatArray,
+        epochs: FloatArray,
+        /,
+    ) -> int: ...
     @property
     def residual(self) -> tuple[float, float, float]: ...
 
@@ -220,3 +239,43 @@ class SmootherF64:
 
 class EkfF64(_Ekf): ...
 class EkfF32(_Ekf): ...
+
+def observer_covariance(
+    epochs: FloatArray,
+    leak: FloatArray,
+    out: FloatArray,
+    *,
+    tau: float,
+    tau_heading: float,
+    gravity: float,
+    tau_gyro: float,
+    omega_accel: float,
+    gyro_noise: float,
+    accel_noise: float,
+    gyro_bias_walk: float,
+    accel_bias_walk: float,
+    velocity_std: float,
+    initial_gyro_bias_std: float,
+    initial_accel_bias_std: float,
+) -> None: ...
+def two_stage_covariance(
+    epochs: FloatArray,
+    leak: FloatArray,
+    out: FloatArray,
+    *,
+    tau: float,
+    tau_heading: float,
+    gravity: float,
+    tau_gyro_lowpass: float,
+    tau_accel_lowpass: float,
+    straight_rate: float,
+    turn_rate: float,
+    feedback: bool,
+    gyro_noise: float,
+    accel_noise: float,
+    gyro_bias_walk: float,
+    accel_bias_walk: float,
+    velocity_std: float,
+    initial_gyro_bias_std: float,
+    initial_accel_bias_std: float,
+) -> None: ...

@@ -120,7 +120,7 @@ def unknown_reason(result: Result, sensor: str, axis: int) -> str | None:
     last = Status(int(result.status[-1]))
     taught = Status.ACCEL_SETTLED if not gyro else Status.HEADING_SETTLED if axis == 2 else Status.GYRO_SETTLED
     if taught in last:
-        return "still moving when the log ended"
+        return "still moving or too uncertain when the log ended"
     if not gyro and Status.ACCEL_UNOBSERVABLE in last:
         return "hardly any turning"
     if Status.UNSEPARATED in last:
