@@ -71,7 +71,7 @@ def test_a_sigma_that_the_method_does_not_give_is_a_dash(make_result: Make) -> N
     ("status", "axis", "reason"),
     [
         (Status.ACCEL_UNOBSERVABLE, 0, "hardly any turning"),
-        (Status.UNSEPARATED, 1, "turned at one constant rate only"),
+        (Status.UNSEPARATED, 1, "gyro and accelerometer bias cannot be told apart"),
         (Status.ALIGNING, 1, "the heading never became known"),
         (Status(0), 2, "not learnt yet when the log ended"),
     ],

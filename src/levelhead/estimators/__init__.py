@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from levelhead.estimators.base import Result
 from levelhead.estimators.ekf import EkfParams, estimate_ekf
+from levelhead.estimators.mahony import MahonyParams, estimate_mahony
 from levelhead.estimators.observer import ObserverParams, estimate_observer
 from levelhead.estimators.params import MethodParams
 from levelhead.estimators.phasor import PhasorParams, estimate_phasor
@@ -32,5 +33,6 @@ METHODS: dict[str, Method] = {
     "phasor": Method(params=PhasorParams, run=estimate_phasor),
     "smoother": Method(params=PhasorParams, run=estimate_smoother),
     "ekf": Method(params=EkfParams, run=estimate_ekf),
+    "mahony": Method(params=MahonyParams, run=estimate_mahony),
 }
 """Every method of `levelhead.estimate`, by name."""

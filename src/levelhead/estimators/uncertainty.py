@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from levelhead.conventions import FloatArray
 from levelhead.estimators.params import NoiseParams
@@ -51,6 +52,16 @@ class Epochs:
         taught = self["level"] > 0.0
         mean: FloatArray = self.down[taught].mean(axis=0) if taught.any() else np.array([0.0, 0.0, 1.0])
         return mean / max(float(np.linalg.norm(mean)), 1e-3)
+
+    @property
+    def level_axes(self) -> FloatArray:
+        """The horizontal axes (2, 3) ahead and to the right, in body axes as the IMU is mounted."""
+        mounted = self.mean_down
+        # Ahead is where x points, as for the heading; an IMU with x upright has none, and any axis will do.
+        ahead = np.eye(3)[0 if abs(mounted[0]) < 0.9 else 1]
+        ahead = ahead - mounted * (mounted @ ahead)
+        ahead = ahead / np.linalg.norm(ahead)
+        return np.stack([ahead, np.cross(mounted, ahead)])
 
     @property
     def vertical_accel_bias(self) -> float:
@@ -96,6 +107,9 @@ class LevelSigma:
         How the angles drift when no GNSS corrects them: covariance with the rate left in them, sigma of that rate.
     tilt_control, control, heading_control, steer : ndarray
         How the control rate that follows the epoch moves them: covariance with it, its sigma.
+    tilt_ahead, tilt_right, gyro_ahead, gyro_right, accel_ahead, accel_right : ndarray
+        The part of tilt and bias errors that the vertical accelerometer bias makes (`leak`), which the sigmas hold as a
+        mean of both axes.
     """
 
     tilt: FloatArray
@@ -111,6 +125,12 @@ class LevelSigma:
     control: FloatArray
     heading_control: FloatArray
     steer: FloatArray
+    tilt_ahead: FloatArray
+    tilt_right: FloatArray
+    gyro_ahead: FloatArray
+    gyro_right: FloatArray
+    accel_ahead: FloatArray
+    accel_right: FloatArray
 
 
 def leak(epochs: Epochs) -> FloatArray:
@@ -121,11 +141,8 @@ def leak(epochs: Epochs) -> FloatArray:
     """
     mounted, down = epochs.mean_down, epochs.down
     bias = np.nan_to_num(epochs.vertical_accel_bias)
-    # Two horizontal body axes; which ones does not matter, their errors share one variance.
-    first = np.cross(mounted, np.eye(3)[int(np.argmin(np.abs(mounted)))])
-    first /= np.linalg.norm(first)
     across = mounted - down * (down @ mounted)[:, None]
-    pairs: FloatArray = bias * np.column_stack([across @ first, across @ np.cross(mounted, first)])
+    pairs: FloatArray = bias * across @ epochs.level_axes.T
     return pairs * (epochs["level"] > 0.0)[:, None]
 
 
@@ -152,13 +169,47 @@ class Sigma:
 
 
 def at_samples(level: LevelSigma, epochs: Epochs, noise: NoiseParams, time: FloatArray, pitch: FloatArray) -> Sigma:
-    """Return what the recursion says after each epoch at the IMU samples that follow it, in body axes.
-
-    Between two epochs a bias is held, and the control rate turns the platform from the noise of one GNSS velocity to
-    that of the next, so that the angles are surer halfway. Once the control rate has run out (an outage) they drift
-    with the gyro bias that is left and the gyro noise.
-    """
+    """Return what the recursion says after each epoch at the IMU samples that follow it, in body axes."""
     after = np.searchsorted(epochs["time"], time, side="right")
+    gyro, accel = _biases_in_body(level, epochs, noise)
+    return Sigma(
+        level=level,
+        noise=noise,
+        gyro_bias=gyro[after],
+        accel_bias=accel[after],
+        attitude=_attitude(level, epochs, noise, time, pitch, after),
+    )
+
+
+def _biases_in_body(level: LevelSigma, epochs: Epochs, noise: NoiseParams) -> tuple[FloatArray, FloatArray]:
+    """Return gyro and accelerometer sigma in body axes before the first epoch and after each (m + 1, 3)."""
+    # The body's axes share in the vertical as the IMU is mounted; the ground's tilt averages out while one learns.
+    vertical, axes = epochs.mean_down**2, epochs.level_axes
+    unlearnt = epochs.vertical_accel_bias
+    unlearnt = unlearnt if np.isfinite(unlearnt) else noise.initial_accel_bias_std
+
+    def body(sigma: FloatArray, upright: FloatArray, ahead: FloatArray, right: FloatArray, prior: float) -> FloatArray:
+        # What the leak makes has a direction: it takes the place of its mean over both axes.
+        own = np.outer(ahead, axes[0]) + np.outer(right, axes[1])
+        directed = own**2 - 0.5 * np.outer((own**2).sum(axis=1), 1.0 - vertical)
+        variance = np.outer(sigma**2, 1.0 - vertical) + np.outer(upright**2, vertical) + directed
+        return np.concatenate([np.full((1, 3), prior), np.sqrt(np.maximum(variance, 0.0))])
+
+    gyro = body(level.gyro, level.vertical_gyro, level.gyro_ahead, level.gyro_right, noise.initial_gyro_bias_std)
+    constant = np.full(level.accel.size, unlearnt)
+    accel = body(level.accel, constant, level.accel_ahead, level.accel_right, noise.initial_accel_bias_std)
+    return gyro, accel
+
+
+def _attitude(
+    level: LevelSigma, epochs: Epochs, noise: NoiseParams, time: FloatArray, pitch: FloatArray, after: NDArray[np.intp]
+) -> FloatArray:
+    """Return one sigma of roll, pitch and heading (n, 3), rad.
+
+    Between two epochs the control rate turns the platform from the noise of one GNSS velocity to that of the next, so
+    that the angles are surer halfway. Once it has run out (an outage) they drift with the gyro bias that is left and
+    the gyro noise.
+    """
 
     def held(values: FloatArray, before: float) -> FloatArray:
         return np.concatenate([[before], values])[after]
@@ -166,32 +217,26 @@ def at_samples(level: LevelSigma, epochs: Epochs, noise: NoiseParams, time: Floa
     since = np.maximum(time - held(epochs["time"], np.inf), 0.0)
     acting = np.minimum(since, held(epochs["length"], 0.0))
     coasting = since - acting
-    noise_variance = 0.5 * noise.gyro_noise**2 * coasting
 
-    def moved(angle: FloatArray, rate: FloatArray, covariance: FloatArray, time: FloatArray, sign: float) -> FloatArray:
-        variance: FloatArray = angle + 2.0 * sign * time * held(covariance, 0.0) + (time * held(rate, 0.0)) ** 2
-        return variance
+    def moved(variance: FloatArray, time: FloatArray, rate: FloatArray, covariance: FloatArray) -> FloatArray:
+        moved: FloatArray = variance + time * (2.0 * held(covariance, 0.0) + time * held(rate**2, 0.0))
+        return moved
 
     def angle(
-        sigma: FloatArray, control: FloatArray, with_control: FloatArray, rate: FloatArray, growth: FloatArray
+        sigma: FloatArray, control: FloatArray, with_control: FloatArray, rate: FloatArray, with_rate: FloatArray
     ) -> FloatArray:
-        steered = np.maximum(moved(held(sigma, np.nan) ** 2, control, with_control, acting, -1.0), 0.0)
-        return np.maximum(moved(steered, rate, growth, coasting, 1.0), steered) + noise_variance
+        steered = np.maximum(moved(held(sigma**2, np.nan), acting, control, -with_control), 0.0)
+        if not coasting.any():
+            return steered
+        drift = 0.5 * noise.gyro_noise**2 * coasting
+        return np.maximum(moved(steered, coasting, rate, with_rate), steered) + drift
 
-    # The body's axes share in the vertical as the IMU is mounted; the ground's tilt averages out while one learns.
-    vertical = epochs.mean_down**2
-    gyro = held(level.gyro, noise.initial_gyro_bias_std), held(level.vertical_gyro, noise.initial_gyro_bias_std)
-    accel = held(level.accel, noise.initial_accel_bias_std)
-    unlearnt = epochs.vertical_accel_bias
-    unlearnt = unlearnt if np.isfinite(unlearnt) else noise.initial_accel_bias_std
     tilt = angle(level.tilt, level.control, level.tilt_control, level.tilt_rate, level.tilt_growth)
     heading = angle(level.heading, level.steer, level.heading_control, level.heading_rate, level.heading_growth)
+    # What the leak makes has a direction here as well.
+    lean = held(0.5 * (level.tilt_ahead**2 - level.tilt_right**2), 0.0)
+    roll, across = np.maximum(tilt + lean, 0.0), np.maximum(tilt - lean, 0.0)
     # A tilt about the horizontal axis ahead turns roll by 1 / cos(pitch), and heading by tan(pitch).
     secant2 = 1.0 / np.maximum(np.cos(pitch) ** 2, 1e-4)
-    return Sigma(
-        level=level,
-        noise=noise,
-        gyro_bias=np.sqrt(np.outer(gyro[0] ** 2, 1.0 - vertical) + np.outer(gyro[1] ** 2, vertical)),
-        accel_bias=np.sqrt(np.outer(accel**2, 1.0 - vertical) + unlearnt**2 * vertical),
-        attitude=np.sqrt(np.column_stack([tilt * secant2, tilt, heading + tilt * (secant2 - 1.0)])),
-    )
+    sigma: FloatArray = np.sqrt(np.column_stack([roll * secant2, across, heading + roll * (secant2 - 1.0)]))
+    return sigma

@@ -1,8 +1,9 @@
-// The second half of the binding: the covariance recursion over recorded epochs. No mathematics here.
+// The binding of the covariance recursion over recorded epochs. No mathematics here.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
 #include "_epochs.hpp"
+#include "_modules.hpp"
 #include "levelhead/levelhead.hpp"
 
 namespace nb = nanobind;
@@ -15,7 +16,7 @@ using Epochs = nb::ndarray<const double, nb::shape<-1, epoch_columns>, nb::c_con
 using Pairs = nb::ndarray<const double, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
 
 // The order is that of `LevelSigma` in estimators/uncertainty.py.
-constexpr size_t sigma_columns = 13;
+constexpr size_t sigma_columns = 19;
 using SigmaOut = nb::ndarray<double, nb::shape<-1, sigma_columns>, nb::c_contig, nb::device::cpu>;
 
 template <bool Open, class Params>
@@ -29,7 +30,7 @@ void recur(const Params& k, const Noise<double>& noise, const Epochs& epochs, co
         c.epoch(k.platform, gains(k, i), noise, i, elapsed, {l[2 * j], l[2 * j + 1]});
         const LevelSigma<double> s = c.sigma();
         const double values[sigma_columns] = {s.tilt,        s.gyro,      s.accel,       s.heading, s.vertical_gyro, s.tilt_growth,
-                                              s.tilt_rate, s.heading_growth, s.heading_rate, s.tilt_control, s.control, s.heading_control, s.steer};
+                                              s.tilt_rate, s.heading_growth, s.heading_rate, s.tilt_control, s.control, s.heading_control, s.steer, s.tilt_mean.re, s.tilt_mean.im, s.gyro_mean.re, s.gyro_mean.im, s.accel_mean.re, s.accel_mean.im};
         for (size_t n = 0; n < sigma_columns; ++n) o[n] = values[n];
     }
 }

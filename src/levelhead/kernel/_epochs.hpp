@@ -35,6 +35,4 @@ inline levelhead::Interval<double> get_epoch(const double* row) {
     return i;
 }
 
-void bind_covariance(nanobind::module_& m);
-
 #endif

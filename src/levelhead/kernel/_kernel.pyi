@@ -57,7 +57,11 @@ class _Stream:
     @property
     def sigma(self) -> tuple[FloatArray, FloatArray, FloatArray]: ...
 
-class _FixedGain(_Stream):
+class _Steered(_Stream):
+    @property
+    def residual(self) -> tuple[float, float, float]: ...
+
+class _FixedGain(_Steered):
     def run_recorded(
         self,
         time: FloatArray,
@@ -77,8 +81,6 @@ class _FixedGain(_Stream):
         epochs: FloatArray,
         /,
     ) -> int: ...
-    @property
-    def residual(self) -> tuple[float, float, float]: ...
 
 class _Observer(_FixedGain):
     def __new__(cls, *args: object, **kwargs: object) -> Self: ...
@@ -140,6 +142,23 @@ class _Ekf(_Stream):
     ) -> None: ...
     @property
     def covariance(self) -> FloatArray: ...
+
+class _Mahony(_Steered):
+    def __new__(cls, *args: object, **kwargs: object) -> Self: ...
+    def __init__(
+        self,
+        blob: bytes = ...,
+        *,
+        tau: float = ...,
+        tau_heading: float = ...,
+        min_course_speed: float = ...,
+        gravity: float = ...,
+        lever_arm: _Vector = ...,
+        tau_gyro: float = ...,
+        use_gnss_acceleration: bool = ...,
+        gyro_bias: _Vector = ...,
+        accel_bias: _Vector = ...,
+    ) -> None: ...
 
 class ObserverF64(_Observer): ...
 class ObserverF32(_Observer): ...
@@ -239,6 +258,8 @@ class SmootherF64:
 
 class EkfF64(_Ekf): ...
 class EkfF32(_Ekf): ...
+class MahonyF64(_Mahony): ...
+class MahonyF32(_Mahony): ...
 
 def observer_covariance(
     epochs: FloatArray,

@@ -50,6 +50,7 @@ PARAMETERS: Final[dict[str, tuple[str, str, str]]] = {
     "initial_gyro_bias_std": ("initial gyro bias sigma", "rad/s", "of the gyro biases before the drive"),
     "initial_accel_bias_std": ("initial accel bias sigma", "m/s²", "of the accelerometer biases before the drive"),
     "latitude": ("latitude", "rad", "for the Earth's rotation; absent: not compensated"),
+    "use_gnss_acceleration": ("use GNSS acceleration", "", "false: the specific force is taken for gravity as it is"),
     "feedback": ("feedback", "", "true: estimates are subtracted from the platform's input; false: black box"),
 }
 """Per parameter: the name for the reader, the unit inside, the meaning. One that is not here is shown as it is."""
@@ -124,7 +125,7 @@ def unknown_reason(result: Result, sensor: str, axis: int) -> str | None:
     if not gyro and Status.ACCEL_UNOBSERVABLE in last:
         return "hardly any turning"
     if Status.UNSEPARATED in last:
-        return "turned at one constant rate only"
+        return "gyro and accelerometer bias cannot be told apart"
     if (Status.INITIALIZING | Status.ALIGNING) & last:
         return "the heading never became known"
     if gyro and axis == 2:

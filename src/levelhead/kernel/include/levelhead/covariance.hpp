@@ -128,6 +128,7 @@ struct LevelSigma {
     S heading_growth, heading_rate;  // the same for heading
     S tilt_control, control;         // covariance of tilt with the control rate that follows, sigma of the latter
     S heading_control, steer;        // the same for heading
+    Complex<S> tilt_mean, gyro_mean, accel_mean;  // the part of the errors that the known leak makes, within the sigmas
 };
 
 // The recursion. With feedback beta is truth - estimate; in the black box the platform sees the whole bias, and what the
@@ -192,6 +193,9 @@ struct FixedGainCovariance {
         s.control = level.deviation(CONTROL);
         s.heading_control = upright.p[HEADING][STEER].re;
         s.steer = upright.deviation(STEER);
+        s.tilt_mean = level.mean[TILT];
+        s.gyro_mean = level.mean[gyro_error];
+        s.accel_mean = level.mean[accel_error];
         return s;
     }
 

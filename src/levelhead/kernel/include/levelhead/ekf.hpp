@@ -227,8 +227,8 @@ struct Ekf {
         }
     }
 
-    // theta' = -w_in x theta - C b_g, v' = -f x theta - C b_a - coriolis x v, p' = v: first order in the step, with the
-    // mean attitude `c` and velocity increment `dv` of the step. White noise of one-sided density d: d^2 / 2 per second.
+    // theta' = -w_in x theta - C b_g, v' = -f x theta - C b_a - coriolis x v, p' = v, over a step with the mean attitude `c`
+    // and the velocity increment `dv`. White noise of one-sided density d: d^2 / 2 per second.
     void predict(const Params& k, S dt, const Dcm<S>& c, const Vec3<S>& dv) {
         S f[ekf_states][ekf_states] = {};
         for (int i = 0; i < n; ++i) f[i][i] = S(1);
@@ -241,6 +241,11 @@ struct Ekf {
             set3(f[ekf_velocity + i] + ekf_accel_bias, rows[i]);
             set3(f[ekf_attitude + i] + ekf_gyro_bias, rows[i]);
         }
+        // First order in the step but for the one term that shows: the tilt that a gyro bias makes within the step moves the velocity too.
+        const Vec3<S> half = dv * (S(0.5) * dt);
+        set3(f[ekf_velocity] + ekf_gyro_bias, c.z * half.y - c.y * half.z);
+        set3(f[ekf_velocity + 1] + ekf_gyro_bias, c.x * half.z - c.z * half.x);
+        set3(f[ekf_velocity + 2] + ekf_gyro_bias, c.y * half.x - c.x * half.y);
         propagate(covariance, f);
         add_diagonal(ekf_velocity, S(0.5) * k.accel_noise * k.accel_noise * dt);
         add_diagonal(ekf_attitude, S(0.5) * k.gyro_noise * k.gyro_noise * dt);

@@ -6,6 +6,7 @@
 
 #include "covariance.hpp"
 #include "ekf.hpp"
+#include "mahony.hpp"
 #include "observer.hpp"
 #include "phasor.hpp"
 #include "retrace.hpp"
