@@ -71,14 +71,13 @@ void retrace(Smoother& s, const Vector& time, const Rows& gyro, const Rows& acce
     nb::gil_scoped_release unlocked;
     auto& records = s.sink.records;
     smooth(records.data(), long(records.size()), s.stream.estimator.gravity_var);
-    const bool heading_known = s.stream.estimator.platform.heading_known > 0.5;
     const Retracer<double> retracer = {records.data(), long(records.size()), readings, s.stream.params};
     retracer.run([&](long index, const Retraced<double>& r) {
         const size_t i = size_t(index);
         const auto& c = r.dcm_body_to_ned;
         put(out.gyro_bias, i, r.gyro_bias);
         put(out.accel_bias, i, r.accel_bias);
-        put(out.attitude, i, Vec3<double>{roll(c), pitch(c), heading_known ? heading(c) : NAN});
+        put(out.attitude, i, Vec3<double>{roll(c), pitch(c), r.heading_known ? heading(c) : NAN});
         put(out.velocity, i, r.velocity_ned);
         put(out.gyro_bias_std, i, r.sigma.gyro_bias);
         put(out.accel_bias_std, i, r.sigma.accel_bias);

@@ -91,7 +91,7 @@ struct Ekf {
     }
 
     // The biases keep their covariance.
-    void restart(const Params&, const Vec3<S>& specific_force) {
+    void restart(const Params&, const Vec3<S>& specific_force, S) {
         levelhead::restart(platform, specific_force);
         forget_motion();
     }

@@ -50,13 +50,13 @@ struct Stream {
     bool imu(double t, const Vec3<S>& w, const Vec3<S>& f) {
         if (!finite(t) || !finite(w) || !finite(f)) return drop(E_NONFINITE, stamp(t));
         if (!started()) {
-            estimator.restart(params, f - estimator.accel_bias);
+            estimator.restart(params, f - estimator.accel_bias, S(0));
             return take(t, w, f);
         }
         if (!(t > time)) return drop(W_TIME_BACK, t);
         if (t - time > reset_gap) {
             note(events[E_GAP_RESET], t);
-            estimator.restart(params, f - estimator.accel_bias);
+            estimator.restart(params, f - estimator.accel_bias, S(t - time));
             epoch_time = pending_time = no_time;
             broken = 0;
             return take(t, w, f);
