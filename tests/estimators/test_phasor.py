@@ -65,7 +65,7 @@ def test_the_smoother_knows_the_first_second_as_well_as_the_last(drive: tuple[lh
     # The future halves the variance of a tilt that both sides tell alike; the filter's converged part is the measure.
     assert rms(error) < 0.8 * rms(tilt_error(filtered, truth)[late])
     assert np.isfinite(error).all()
-    # At the very start only the future tells: the smoother is there as sure as the filter at the end, 0.026 deg; 3 sigma.
+    # At the start only the future tells: the smoother is as sure there as the filter at the end, 0.026 deg; 3 sigma.
     assert np.degrees(np.abs(error[:100]).max()) < 0.08
     assert (smoothed.attitude_std[:, :2].mean(axis=0) < filtered.attitude_std[late][:, :2].mean(axis=0)).all()
 
@@ -130,7 +130,7 @@ def test_five_times_wrong_noise_costs_little(name: str, factor: float, drives: l
             )
         )
 
-    # The promise. A gyro noise five times too large costs sqrt((5 + 1/5) / 2) = 1.61 in theory, were there no GNSS noise.
+    # The promise. Five times too much gyro noise costs sqrt((5 + 1/5) / 2) = 1.61 in theory, were there no GNSS noise.
     assert error(replace(TRUE, **{name: factor * getattr(TRUE, name)})) < 1.6 * error(TRUE)
 
 
