@@ -28,7 +28,7 @@ START, COMPARED_FROM = 1.0, 150.0
 
 @dataclass(frozen=True)
 class Course:
-    """The course over ground as a measurement of the heading, as our filter takes it; pyins asks for these two names."""
+    """The course over ground as a measurement of the heading; pyins asks for these two names."""
 
     data: Any
 
