@@ -9,7 +9,7 @@ Units
 
 >>> import levelhead as lh
 >>> log, truth = lh.simulate("field", seed=1, duration=600)
->>> result = lh.estimate(log, method="observer")
+>>> result = lh.estimate(log, method="smoother")
 >>> result.gyro_bias[-1]        # rad/s, body x, y, z
 >>> result.summary()            # a plain dict, as in summary.json
 """
@@ -22,7 +22,7 @@ from levelhead.estimators.base import Result, Status
 from levelhead.estimators.ekf import Ekf, EkfParams
 from levelhead.estimators.mahony import Mahony, MahonyParams
 from levelhead.estimators.observer import Observer, ObserverParams
-from levelhead.estimators.params import Initial
+from levelhead.estimators.params import Initial, NoiseParams
 from levelhead.estimators.phasor import Phasor, PhasorParams
 from levelhead.estimators.two_stage import TwoStage, TwoStageParams
 from levelhead.events import Event
@@ -43,6 +43,7 @@ __all__ = [
     "LogError",
     "Mahony",
     "MahonyParams",
+    "NoiseParams",
     "Observer",
     "ObserverParams",
     "OutputError",

@@ -21,6 +21,14 @@ template struct levelhead::Stream<levelhead::Ekf<float>>;
 template struct levelhead::Stream<levelhead::Ekf<double>>;
 template struct levelhead::Stream<levelhead::Mahony<float>>;
 template struct levelhead::Stream<levelhead::Mahony<double>>;
+template struct levelhead::Stream<levelhead::Phasor<float>>;
+template struct levelhead::Stream<levelhead::Phasor<double>>;
+template struct levelhead::FixedGainCovariance<float, false>;
+template struct levelhead::FixedGainCovariance<float, true>;
+template levelhead::Gains<float> levelhead::gains(
+    const levelhead::ObserverParams<float>&, const levelhead::Interval<float>&);
+template levelhead::Gains<float> levelhead::gains(
+    const levelhead::TwoStageParams<float>&, const levelhead::Interval<float>&);
 """
 
 

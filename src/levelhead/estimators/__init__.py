@@ -17,15 +17,19 @@ from levelhead.estimators.two_stage import TwoStageParams, estimate_two_stage
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """A method's parameters and the function that runs it over a whole log."""
+    """A method's parameters and the function that runs it over a whole log.
+
+    A method with fixed gains takes the sensors' noise as ``run(..., noise=)``, for its uncertainty only.
+    """
 
     params: type[MethodParams]
     run: Callable[..., Result]
+    takes_noise: bool = False
 
 
 METHODS: dict[str, Method] = {
-    "observer": Method(params=ObserverParams, run=estimate_observer),
-    "two-stage": Method(params=TwoStageParams, run=estimate_two_stage),
+    "observer": Method(params=ObserverParams, run=estimate_observer, takes_noise=True),
+    "two-stage": Method(params=TwoStageParams, run=estimate_two_stage, takes_noise=True),
     "phasor": Method(params=PhasorParams, run=estimate_phasor),
     "smoother": Method(params=PhasorParams, run=estimate_smoother),
     "ekf": Method(params=EkfParams, run=estimate_ekf),

@@ -10,7 +10,6 @@ from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import FilterParams, Initial
-from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress, events_of, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import EkfF64
@@ -72,10 +71,9 @@ def estimate_ekf(
     data: SensorData, params: EkfParams, initial: Initial | None, progress: Progress | None = None
 ) -> Result:
     """Run the Kalman filter over a whole log (see `levelhead.estimate`)."""
-    located = at_place(params, data)
-    stream = Ekf(located, initial=initial)
+    stream = Ekf(params, initial=initial)
     trace = run(stream, data, progress, with_sigma=True)
-    result = finish_filtered(data, trace, stream, method="ekf", params=located)
+    result = finish_filtered(data, trace, stream, method="ekf", params=params)
     if Status.ACCEL_SETTLED in Status(int(trace.status[-1])):
         return result
     # Sigma alone would claim the level axes after hours on a straight; the status knows about turning as well.

@@ -11,7 +11,7 @@ import numpy as np
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.estimators.base import SensorData
-from levelhead.estimators.params import FilterParams
+from levelhead.estimators.params import NoiseParams
 from levelhead.estimators.phasor import PhasorParams
 from levelhead.estimators.streaming import run
 from levelhead.kernel._kernel import SmootherF64
@@ -65,7 +65,7 @@ def log_likelihood(data: SensorData, params: PhasorParams) -> float:
     return value if math.isfinite(value) else -math.inf
 
 
-def fit_noise(data: SensorData, params: FilterParams | None = None) -> tuple[float, float]:
+def fit_noise(data: SensorData, params: NoiseParams | None = None) -> tuple[float, float]:
     """Return the noise densities of gyro and accelerometer that explain the log best.
 
     A pattern search over the two, from those of `params`. The velocity noise is what the log says (or `params`), the
@@ -75,7 +75,7 @@ def fit_noise(data: SensorData, params: FilterParams | None = None) -> tuple[flo
     ----------
     data : SensorData
         The log.
-    params : FilterParams, optional
+    params : NoiseParams or FilterParams, optional
         Where to start, and everything else.
 
     Returns
@@ -93,7 +93,7 @@ def fit_noise(data: SensorData, params: FilterParams | None = None) -> tuple[flo
         "velocity_std",
         "latitude",
     )
-    base = PhasorParams(**{name: getattr(start, name) for name in names})
+    base = PhasorParams(**{name: getattr(start, name) for name in names if hasattr(start, name)})
     part = liveliest(data)
     seen: dict[tuple[float, float], float] = {}
 

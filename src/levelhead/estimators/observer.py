@@ -8,10 +8,11 @@ from typing import Any, Literal, Self
 
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
-from levelhead.estimators.params import Initial, PlatformParams
+from levelhead.estimators.params import Initial, NoiseParams, PlatformParams
 from levelhead.estimators.streaming import Progress, events_of, finish, run
+from levelhead.estimators.uncertainty import EpochRecorder, Epochs, LevelSigma, at_samples, level_sigma
 from levelhead.events import Event
-from levelhead.kernel._kernel import ObserverF64
+from levelhead.kernel._kernel import ObserverF64, observer_covariance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +93,26 @@ class Observer(ObserverF64):
         return self
 
 
+def predict_observer(epochs: Epochs, params: ObserverParams, noise: NoiseParams) -> LevelSigma:
+    """Return how sure the observer would be after each of these epochs with these constants."""
+    constants = params.as_dict()
+    for name in ("min_course_speed", "lever_arm", "gain"):
+        del constants[name]
+    return level_sigma(observer_covariance, constants, epochs, noise)
+
+
 def estimate_observer(
-    data: SensorData, params: ObserverParams, initial: Initial | None, progress: Progress | None = None
+    data: SensorData,
+    params: ObserverParams,
+    initial: Initial | None,
+    progress: Progress | None = None,
+    noise: NoiseParams | None = None,
 ) -> Result:
     """Run the observer over a whole log (see `levelhead.estimate`)."""
+    noise = noise or NoiseParams()
     stream = Observer(params, initial=initial)
-    trace = run(stream, data, progress)
-    return finish(data, trace, stream, method="observer", params=params, warnings=params.warnings())
+    recorder = EpochRecorder(run_recorded=stream.run_recorded)
+    trace = run(stream, data, progress, recorder=recorder)
+    level = predict_observer(recorder.epochs, params, noise)
+    sigma = at_samples(level, recorder.epochs, noise, data.time, trace.attitude[:, 1])
+    return finish(data, trace, stream, method="observer", params=params, warnings=params.warnings(), sigma=sigma)

@@ -10,7 +10,6 @@ from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import FilterParams, Initial
-from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress, events_of, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import PhasorF64
@@ -87,7 +86,6 @@ def estimate_phasor(
     data: SensorData, params: PhasorParams, initial: Initial | None, progress: Progress | None = None
 ) -> Result:
     """Run the phasor filter over a whole log (see `levelhead.estimate`)."""
-    params = at_place(params, data)
     stream = Phasor(params, initial=initial)
     trace = run(stream, data, progress, with_sigma=True)
     return finish_filtered(data, trace, stream, method="phasor", params=params)

@@ -15,13 +15,16 @@ from levelhead.estimators.params import MethodParams
 from levelhead.estimators.trust import (
     ACCEL_BAND,
     GYRO_BAND,
+    certain,
     first_settled,
     mostly_backwards,
     observable,
     steady,
     wander,
     wander_event,
+    widened,
 )
+from levelhead.estimators.uncertainty import EpochRecorder, Sigma
 from levelhead.events import Event
 
 Progress = Callable[[float], None]
@@ -107,7 +110,14 @@ def _chunks(data: SensorData, first: int, last: int) -> Iterator[tuple[slice, sl
         done = max(done, upto)
 
 
-def run(stream: KernelStream, data: SensorData, progress: Progress | None = None, *, with_sigma: bool = False) -> Trace:
+def run(
+    stream: KernelStream,
+    data: SensorData,
+    progress: Progress | None = None,
+    *,
+    with_sigma: bool = False,
+    recorder: EpochRecorder | None = None,
+) -> Trace:
     """Feed a whole log to a stream, the same updates in the same order as live.
 
     Parameters
@@ -121,6 +131,8 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
         Called with the fraction done.
     with_sigma : bool
         Whether the estimator has a covariance; otherwise every sigma is NaN.
+    recorder : EpochRecorder, optional
+        Keeps the closed intervals, from which the uncertainty of a fixed-gain method follows.
 
     Raises
     ------
@@ -144,9 +156,10 @@ def run(stream: KernelStream, data: SensorData, progress: Progress | None = None
     gyro_bias, accel_bias, attitude, velocity_out = (np.empty((n, 3)) for _ in range(4))
     status = np.empty(n, dtype=np.uint32)
     sigmas = [np.empty((n if with_sigma else 0, 3)) for _ in range(3)]
+    feed = stream.run if recorder is None else recorder
     for rows, epochs in _chunks(data, first, last):
         keep = usable[epochs]
-        stream.run(
+        feed(
             data.time[rows],
             data.gyro[rows],
             data.accel[rows],
@@ -215,8 +228,12 @@ def finish(
     method: str,
     params: MethodParams,
     warnings: tuple[Event, ...] = (),
+    sigma: Sigma | None = None,
 ) -> Result:
-    """Turn a run into a `Result`: mask what was not estimated, say what is known and since when."""
+    """Turn a run into a `Result`: mask what was not estimated, say what is known and since when.
+
+    The `sigma` of a fixed-gain method takes the place of the trace's, and decides with what is known.
+    """
     vertical = stream.vertical_axis
     accel_bias = trace.accel_bias
     accel_bias[:, vertical] = np.nan
@@ -227,6 +244,19 @@ def finish(
     if backwards:
         could_gyro = could_accel = (False, False, False)
     known_gyro, known_accel = steady(could_gyro, gyro_moved, GYRO_BAND), steady(could_accel, accel_moved, ACCEL_BAND)
+    stds = trace.gyro_bias_std, trace.accel_bias_std, trace.attitude_std
+    if sigma is not None:
+        learnt = np.full(3, sigma.level.gyro[-1])
+        learnt[vertical] = sigma.level.vertical_gyro[-1]
+        known_gyro = certain(known_gyro, learnt, sigma.gyro_bias[-1], GYRO_BAND, sigma.noise.initial_gyro_bias_std)
+        learnt = np.full(3, sigma.level.accel[-1])
+        known_accel = certain(known_accel, learnt, sigma.accel_bias[-1], ACCEL_BAND, sigma.noise.initial_accel_bias_std)
+        stds = (
+            widened(data.time, trace.gyro_bias, sigma.gyro_bias),
+            widened(data.time, accel_bias, sigma.accel_bias),
+            sigma.attitude,
+        )
+        stds[1][:, vertical] = np.nan
     # What is not known in the end has not settled, whatever the flags said; the vertical has a flag of its own.
     settled = {
         name: first_settled(data.time, trace.status, flag) if any(np.delete(known, vertical)) else None
@@ -239,12 +269,12 @@ def finish(
         time=data.time,
         gyro_bias=trace.gyro_bias,
         accel_bias=accel_bias,
-        gyro_bias_std=trace.gyro_bias_std,
-        accel_bias_std=trace.accel_bias_std,
+        gyro_bias_std=stds[0],
+        accel_bias_std=stds[1],
         roll=trace.attitude[:, 0],
         pitch=trace.attitude[:, 1],
         heading=trace.attitude[:, 2],
-        attitude_std=trace.attitude_std,
+        attitude_std=stds[2],
         velocity_ned=trace.velocity_ned,
         position_llh=interpolated_position(data),
         status=trace.status,

@@ -8,10 +8,11 @@ from typing import Self
 
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
-from levelhead.estimators.params import Initial, PlatformParams
+from levelhead.estimators.params import Initial, NoiseParams, PlatformParams
 from levelhead.estimators.streaming import Progress, events_of, finish, run
+from levelhead.estimators.uncertainty import EpochRecorder, Epochs, LevelSigma, at_samples, level_sigma
 from levelhead.events import Event
-from levelhead.kernel._kernel import TwoStageF64
+from levelhead.kernel._kernel import TwoStageF64, two_stage_covariance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,10 +87,26 @@ class TwoStage(TwoStageF64):
         return self
 
 
+def predict_two_stage(epochs: Epochs, params: TwoStageParams, noise: NoiseParams) -> LevelSigma:
+    """Return how sure the estimator would be after each of these epochs with these constants."""
+    constants = params.as_dict()
+    for name in ("min_course_speed", "lever_arm"):
+        del constants[name]
+    return level_sigma(two_stage_covariance, constants, epochs, noise)
+
+
 def estimate_two_stage(
-    data: SensorData, params: TwoStageParams, initial: Initial | None, progress: Progress | None = None
+    data: SensorData,
+    params: TwoStageParams,
+    initial: Initial | None,
+    progress: Progress | None = None,
+    noise: NoiseParams | None = None,
 ) -> Result:
     """Run the two-stage estimator over a whole log (see `levelhead.estimate`)."""
+    noise = noise or NoiseParams()
     stream = TwoStage(params, initial=initial)
-    trace = run(stream, data, progress)
-    return finish(data, trace, stream, method="two-stage", params=params)
+    recorder = EpochRecorder(run_recorded=stream.run_recorded)
+    trace = run(stream, data, progress, recorder=recorder)
+    level = predict_two_stage(recorder.epochs, params, noise)
+    sigma = at_samples(level, recorder.epochs, noise, data.time, trace.attitude[:, 1])
+    return finish(data, trace, stream, method="two-stage", params=params, sigma=sigma)

@@ -57,9 +57,30 @@ class _Stream:
     @property
     def sigma(self) -> tuple[FloatArray, FloatArray, FloatArray]: ...
 
-class _FixedGain(_Stream):
+class _Steered(_Stream):
     @property
     def residual(self) -> tuple[float, float, float]: ...
+
+class _FixedGain(_Steered):
+    def run_recorded(
+        self,
+        time: FloatArray,
+        gyro: FloatArray,
+        accel: FloatArray,
+        gnss_time: FloatArray,
+        velocity_ned: FloatArray,
+        velocity_std: FloatArray,
+        gyro_bias: FloatArray,
+        accel_bias: FloatArray,
+        attitude: FloatArray,
+        velocity: FloatArray,
+        status: StatusArray,
+        gyro_bias_std: FloatArray,
+        accel_bias_std: FloatArray,
+        attitude_std: FloatArray,
+        epochs: FloatArray,
+        /,
+    ) -> int: ...
 
 class _Observer(_FixedGain):
     def __new__(cls, *args: object, **kwargs: object) -> Self: ...
@@ -122,7 +143,7 @@ class _Ekf(_Stream):
     @property
     def covariance(self) -> FloatArray: ...
 
-class _Mahony(_FixedGain):
+class _Mahony(_Steered):
     def __new__(cls, *args: object, **kwargs: object) -> Self: ...
     def __init__(
         self,
@@ -239,3 +260,43 @@ class EkfF64(_Ekf): ...
 class EkfF32(_Ekf): ...
 class MahonyF64(_Mahony): ...
 class MahonyF32(_Mahony): ...
+
+def observer_covariance(
+    epochs: FloatArray,
+    leak: FloatArray,
+    out: FloatArray,
+    *,
+    tau: float,
+    tau_heading: float,
+    gravity: float,
+    tau_gyro: float,
+    omega_accel: float,
+    gyro_noise: float,
+    accel_noise: float,
+    gyro_bias_walk: float,
+    accel_bias_walk: float,
+    velocity_std: float,
+    initial_gyro_bias_std: float,
+    initial_accel_bias_std: float,
+) -> None: ...
+def two_stage_covariance(
+    epochs: FloatArray,
+    leak: FloatArray,
+    out: FloatArray,
+    *,
+    tau: float,
+    tau_heading: float,
+    gravity: float,
+    tau_gyro_lowpass: float,
+    tau_accel_lowpass: float,
+    straight_rate: float,
+    turn_rate: float,
+    feedback: bool,
+    gyro_noise: float,
+    accel_noise: float,
+    gyro_bias_walk: float,
+    accel_bias_walk: float,
+    velocity_std: float,
+    initial_gyro_bias_std: float,
+    initial_accel_bias_std: float,
+) -> None: ...

@@ -24,7 +24,7 @@ from levelhead.conventions import (
 )
 from levelhead.errors import UsageError
 from levelhead.logs.log import Log
-from levelhead.logs.readers.canonical_parquet import EPOCH_KEY, UNIT_KEY
+from levelhead.logs.readers.canonical_parquet import EARTH_KEY, EPOCH_KEY, UNIT_KEY
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -44,7 +44,8 @@ def write(log: Log, path: str | os.PathLike[str]) -> None:
 
     Reading the file gives the same numbers to the bit, latitude and longitude (degrees in the file) to 2 units in
     the last place. The canonical log has one deviation per epoch: of three components the root mean square of the
-    horizontal two is written. ``meta["epoch"]`` is kept in Parquet; CSV has no place for it.
+    horizontal two is written. ``meta["epoch"]`` and ``meta["earth_rotation"]`` are kept in Parquet; CSV has no place
+    for them.
 
     Parameters
     ----------
@@ -67,6 +68,8 @@ def write(log: Log, path: str | os.PathLike[str]) -> None:
     if target.suffix == ".parquet":
         epoch = log.meta.get("epoch")
         metadata = {EPOCH_KEY: repr(float(epoch)).encode()} if isinstance(epoch, int | float) else {}
+        if not log.meta.get("earth_rotation", True):
+            metadata[EARTH_KEY] = b"false"
         _write_parquet(columns, CANONICAL_UNITS, metadata, target)
     else:
         _write_csv(_arrow_table(columns, {}, {}), target)

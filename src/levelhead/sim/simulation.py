@@ -143,7 +143,12 @@ def simulate(
         velocity_std=_constant(sensors.velocity_noise, gnss_stamps.size),
         position_llh=position,
         position_std=_constant(sensors.position_noise, gnss_stamps.size),
-        meta={"source": f"simulated:{scenario} seed {seed}", "format": "simulation", "completeness": "complete"},
+        meta={
+            "source": f"simulated:{scenario} seed {seed}",
+            "format": "simulation",
+            "completeness": "complete",
+            "earth_rotation": earth_rotation,
+        },
     )
     return log, truth
 

@@ -17,6 +17,8 @@ MAGIC: Final = b"PAR1"
 UNIT_KEY: Final = b"unit"
 EPOCH_KEY: Final = b"levelhead.epoch"
 """Table metadata: ``meta["epoch"]`` of the log that was written."""
+EARTH_KEY: Final = b"levelhead.earth_rotation"
+"""Table metadata: "false" in a simulated log whose Earth stands still."""
 MAX_VALUES: Final = 500_000_000
 """Numbers that are read at most (4 GB): more is a mistake or an attack."""
 MAX_ROWS_PER_BYTE: Final = 20
@@ -79,7 +81,9 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     scaled.clear()
     pa.default_memory_pool().release_unused()
     epoch = _decoded((schema.metadata or {}).get(EPOCH_KEY))
-    meta = {} if epoch is None else {"epoch": _epoch(name, epoch)}
+    meta: dict[str, object] = {} if epoch is None else {"epoch": _epoch(name, epoch)}
+    if _decoded((schema.metadata or {}).get(EARTH_KEY)) == "false":
+        meta["earth_rotation"] = False
     return Pieces(imu=pieces.imu, gnss=pieces.gnss, meta=meta)
 
 

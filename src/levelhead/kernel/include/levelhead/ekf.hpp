@@ -93,7 +93,7 @@ struct Ekf {
     }
 
     // The biases keep their covariance.
-    void restart(const Params&, const Vec3<S>& specific_force) {
+    void restart(const Params&, const Vec3<S>& specific_force, S) {
         levelhead::restart(platform, specific_force);
         forget_motion();
     }
@@ -127,11 +127,9 @@ struct Ekf {
         const Directions d = directions();
         const auto body = [this](const Vec3<S>& ned) { return transposed_times(platform.dcm_body_to_ned, ned); };
         const Vec3<S> forward = body(d.forward), right = body(d.right), down = platform.dcm_body_to_ned.z;
-        const bool turned = turning > S(enough_turning);
-        // Only turning separates an accelerometer bias from tilt, whatever sigma says (see the top of this file).
-        const S accel = turned ? maximum(spread(ekf_accel_bias, forward), spread(ekf_accel_bias, right)) : S(INFINITY);
-        return settled_bits(maximum(spread(ekf_gyro_bias, forward), spread(ekf_gyro_bias, right)), accel,
-                            spread(ekf_gyro_bias, down), sigma().attitude.z, turned);
+        return settled_bits(maximum(spread(ekf_gyro_bias, forward), spread(ekf_gyro_bias, right)),
+                            maximum(spread(ekf_accel_bias, forward), spread(ekf_accel_bias, right)),
+                            spread(ekf_gyro_bias, down), sigma().attitude.z, turning > S(enough_turning));
     }
 
     void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {

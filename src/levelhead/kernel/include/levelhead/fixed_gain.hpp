@@ -20,7 +20,7 @@ struct FixedGain {
     void begin(const Params&) {}
 
     template <class Params>
-    void restart(const Params&, const Vec3<S>& specific_force) {
+    void restart(const Params&, const Vec3<S>& specific_force, S) {
         levelhead::restart(platform, specific_force);
     }
 

@@ -4,6 +4,7 @@
 #ifndef LEVELHEAD_LEVELHEAD_HPP
 #define LEVELHEAD_LEVELHEAD_HPP
 
+#include "covariance.hpp"
 #include "ekf.hpp"
 #include "mahony.hpp"
 #include "observer.hpp"

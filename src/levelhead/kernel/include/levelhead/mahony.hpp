@@ -37,7 +37,7 @@ struct Mahony : FixedGain<S> {
     S turning;             // integral of the squared yaw rate, rad^2/s
     S blind;               // how much of an IMU gap lies ahead: nothing is learnt in it, s
 
-    void restart(const Params&, const Vec3<S>& specific_force) {
+    void restart(const Params&, const Vec3<S>& specific_force, S) {
         levelhead::restart(platform, specific_force);
         acceleration = {S(0), S(0), S(0)};
         hold = blind = S(0);

@@ -25,7 +25,10 @@ struct PhasorParams {
 
 constexpr double longest_step = 1.0;           // the covariance moves at least this often, s ...
 constexpr double largest_turn = 0.35;          // ... and at least once per such a turn: within it the rate counts as even, rad
-constexpr double unknown_heading_var = 10.0;   // any heading: more than pi^2/3, rad^2
+// An unknown heading has no variance; this one is large enough that the first course says nothing about the gyro bias, however
+// long the vehicle has stood before, rad^2.
+constexpr double unknown_heading_var = 1e6;
+constexpr double least_velocity_std = 1e-4, most_velocity_std = 1e3;  // what a fix may claim of itself, m/s
 
 constexpr double gate_pair = 16.0;     // squared normalised horizontal innovation: one in 3000 is above it by chance
 constexpr double gate_one = 14.0;      // the same for one real innovation: one in 5000
@@ -68,7 +71,7 @@ struct Phasor {
     Vec3<S> gyro_bias, accel_bias;
     PhasorCovariance<S> horizontal;
     PairCovariance<S> turning, lifting;  // heading & vertical gyro bias; vertical velocity & accelerometer bias
-    PhasorVector<S> share;               // of the heading error in the four, on top of their covariance
+    HeadingShare<S> share;               // of the first pair's errors in the four, on top of their covariance
     Complex<S> azimuth;                  // e^{i alpha}: the level frame's x axis in North + i East
     S elapsed;                           // since the covariance moved, s
     S gap_tilt, gap_velocity;            // variances to add for bridged IMU gaps
@@ -88,7 +91,14 @@ struct Phasor {
         gravity_var = k.gravity_std * k.gravity_std;
     }
 
-    void restart(const Params&, const Vec3<S>& specific_force) { levelhead::restart(platform, specific_force); }
+    // The biases have wandered on while nobody looked.
+    void restart(const Params& k, const Vec3<S>& specific_force, S lost) {
+        levelhead::restart(platform, specific_force);
+        horizontal.gg = horizontal.gg + k.noise.gyro_walk * lost;
+        turning.bb = turning.bb + k.noise.gyro_walk * lost;
+        horizontal.aa = horizontal.aa + k.noise.accel_walk * lost;
+        lifting.bb = lifting.bb + k.noise.accel_walk * lost;
+    }
 
     void bridged(S gap, const Vec3<S>& gyro_change, const Vec3<S>& accel_change) {
         const HiddenMotion<S> hidden = hidden_motion(gap, gyro_change, accel_change);
@@ -150,10 +160,12 @@ struct Phasor {
     }
 
     Sigma<S> sigma() const {
-        const S h = platform.heading_known > S(0.5) ? S(0.5) * turning.xx : S(0);
-        return level_sigma(platform.dcm_body_to_ned.z, horizontal.gg + h * norm2(share.g), turning.bb,
-                           horizontal.aa + h * norm2(share.a), lifting.bb + gravity_var, horizontal.tt + h * norm2(share.t),
-                           turning.xx);
+        const S any_angle = S(pi * pi), heading = platform.heading_known > S(0.5) ? turning.xx : any_angle;
+        Sigma<S> out = level_sigma(platform.dcm_body_to_ned.z, horizontal.gg + shared_variance(turning, share.x.g, share.b.g), turning.bb,
+                           horizontal.aa + shared_variance(turning, share.x.a, share.b.a), lifting.bb + gravity_var,
+                           horizontal.tt + shared_variance(turning, share.x.t, share.b.t), heading);
+        if (!(platform.aligned > S(0.5))) out.attitude = {S(pi), S(pi), S(pi)};
+        return out;
     }
 
   private:
@@ -170,21 +182,19 @@ struct Phasor {
         const Transition<S> f = transition(t, phi, force);
         propagate(horizontal, f);
         // A heading that is not known has no small error that could be estimated.
-        const S heading_before = turning.xx;
-        propagate(turning, t, k.noise.gyro, k.noise.gyro_walk);
-        turning.xx = turning.xx + gap_tilt;
         Complex<S> push = {S(0), S(0)};
-        if (p.heading_known > S(0.5)) {
-            push = times_i(to_level(dv.x, dv.y));
-            propagate_share(share, horizontal, f, push, heading_before, turning.xx);
-        }
+        if (p.heading_known > S(0.5)) push = times_i(to_level(dv.x, dv.y));
+        propagate(turning, share, horizontal, f, push, t, k.noise.gyro * t + gap_tilt, k.noise.gyro_walk);
         add_noise(horizontal, k.noise, t, force);
         horizontal.tt = horizontal.tt + gap_tilt;
         horizontal.nn = horizontal.nn + gap_velocity;
         propagate(lifting, t, k.noise.accel, k.noise.accel_walk);
         lifting.xx = lifting.xx + gap_velocity;
-        yaw_rate = t > S(0) ? phi / t : S(0);
-        if (t > S(0)) turned = minimum(turned + phi * phi / t, S(1e3));
+        // A tick may have come at the very epoch: nothing has moved since, and the yaw rate is still what it was.
+        if (t > S(0)) {
+            yaw_rate = phi / t;
+            turned = minimum(turned + phi * yaw_rate, S(1e3));
+        }
         recorder.moved(*this, f, push, t, false);
         elapsed = gap_tilt = gap_velocity = p.turn = S(0);
         p.delta_velocity = {S(0), S(0), S(0)};
@@ -207,25 +217,27 @@ struct Phasor {
     }
 
     S velocity_variance(const Params& k, S std) const {
-        const S known = std == std ? std : k.velocity_std;
+        const S known = std == std ? clamp(std, S(least_velocity_std), S(most_velocity_std)) : k.velocity_std;
         return known * known;
     }
 
     Complex<S> to_level(S north, S east) const { return conj(azimuth) * Complex<S>{north, east}; }
 
-    // After levelling, what the accelerometers read amiss is in the tilt: theta = (i beta_a - i dn/T) / g, plus the turn by the
-    // gyro bias since the middle of the interval.
+    // After levelling, what the accelerometers read amiss is in the tilt: theta = i (mean of beta_a - dn/T) / g, plus what the
+    // gyro bias has turned since. In a turn the mean of a bias is not the bias: the integrals are those of a transition.
     void align_covariance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) {
         PhasorCovariance<S>& p = horizontal;
         const S over_g = S(1) / k.platform.gravity, half = S(0.5) * fix.length;
+        const Transition<S> through = transition(fix.length, platform.turn, k.platform.gravity);
         const S r = velocity_variance(k, horizontal_std(fix.std));
         azimuth = {S(1), S(0)};
+        yaw_rate = platform.turn * e.rate;
         platform.turn = elapsed = gap_tilt = gap_velocity = S(0);
         platform.velocity_ned = e.velocity;
         feel_the_earth(k, S(0));
         Transition<S> f{};
-        f.tg = {half, S(0)};
-        f.ta = {S(0), over_g};
+        f.tg = times_i(conj(through.ng * conj(through.nn))) * (over_g * e.rate);
+        f.ta = times_i(through.na) * (over_g * e.rate);
         p.nn = S(0);
         p.nt = p.ng = p.na = {S(0), S(0)};
         p.tt = S(0);
@@ -239,8 +251,8 @@ struct Phasor {
                (e.trusted ? S(0) : norm2(lean));
         p.nn = r;
         p.nt = {S(0), r * e.rate * over_g};
-        share = PhasorVector<S>{};
-        if (e.trusted) share.t = lean;
+        share = HeadingShare<S>{};
+        if (e.trusted) share.x.t = lean;
         recorder.moved(*this, f, {S(0), S(0)}, fix.length, true);
         lifting.xx = velocity_variance(k, fix.std.z);
         lifting.xb = S(0);
@@ -269,7 +281,7 @@ struct Phasor {
         lifting.xx = velocity_variance(k, fix.std.z);
         lifting.xb = S(0);
         platform.velocity_ned = velocity;
-        share.n = {S(0), S(0)};
+        share.x.n = share.b.n = {S(0), S(0)};
         recorder.moved(*this, f, {S(0), S(0)}, S(0), false);
     }
 
@@ -277,7 +289,7 @@ struct Phasor {
     void take_course(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S angle) {
         const S r = single_course_variance(k, e, fix), s = turning.xx + r;
         recorder.turned(measure(turning, r), s, -angle);
-        share = PhasorVector<S>{};
+        share = HeadingShare<S>{};
         // Until now the Earth's horizontal rate had no direction and went into the gyro bias.
         const Vec3<S> turn = frame_rate(k.latitude, platform.velocity_ned).turn;
         horizontal.gg = horizontal.gg + S(0.5) * (turn.x * turn.x + turn.y * turn.y);
@@ -305,7 +317,7 @@ struct Phasor {
         const S innovation = steer ? -course_innovation(p, steer, e.course) : S(0);
         const S r = velocity_variance(k, horizontal_std(fix.std)), r_down = velocity_variance(k, fix.std.z);
         const S r_course = steer ? course_variance(k, e, fix) : S(1);
-        const S plain = horizontal.nn + r + S(0.5) * turning.xx * norm2(share.n);
+        const S plain = horizontal.nn + r + shared_variance(turning, share.x.n, share.b.n);
         const S f = doubt(z, plain, error.z, lifting.xx + r_down, innovation, turning.xx + r_course);
         surprises = minimum(surprises + S(1), S(1e5));
         surprise = surprise + (S(0.5) * norm2(z) / (plain * f) - surprise) / surprises;
@@ -314,8 +326,7 @@ struct Phasor {
         const PhasorVector<S> gain = measure_velocity(horizontal, s);
         const HeadingGain<S> aside = measure_velocity(turning, share, gain, s);
         recorder.corrected(gain, aside, s, z);
-        const S told = inner(aside.seen, z);
-        S turn = aside.x * told, turn_bias = aside.b * told;
+        S turn = inner(aside.x, z), turn_bias = inner(aside.b, z);
 
         const S lifted_r = r_down * f + (f - S(1)) * lifting.xx, s_down = lifting.xx + lifted_r;
         const PairGain<S> lift = measure(lifting, lifted_r);
@@ -329,8 +340,8 @@ struct Phasor {
             turn_bias = turn_bias + steered.b * y;
         }
 
-        // The four give up what the heading had put into them.
-        const PhasorVector<S> x = gain * z + share * turn;
+        // The four give up what the pair had put into them.
+        const PhasorVector<S> x = gain * z + share.x * turn + share.b * turn_bias;
         const Complex<S> nu = azimuth * x.n, theta = azimuth * x.t;
         p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, lift.x * error.z};
         add_bias(gyro_bias, x.g, turn_bias);

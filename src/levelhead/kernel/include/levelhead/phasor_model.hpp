@@ -174,38 +174,76 @@ void add_circular(PhasorCovariance<S>& p, const PhasorVector<S>& v, S variance) 
 }
 
 // A heading error turns the specific force, nu' = ... + i f psi. That has a direction, so it would spoil the circular
-// covariance; it is kept apart, as in Friedland's separate-bias filter: the errors are what the covariance says plus
-// `share` times the heading error. Both parts stay positive whatever happens. Over an interval in which the specific force
-// added `push` (i times the velocity that it gave), `before` and `after` being the heading's variance:
+// covariance; it is kept apart, as in Friedland's separate-bias filter: the errors are what the covariance says, plus x times
+// the heading error and b times the error of the vertical gyro bias. All parts stay positive whatever happens.
 template <class S>
-void propagate_share(PhasorVector<S>& share, PhasorCovariance<S>& p, const Transition<S>& f, const Complex<S>& push, S before, S after) {
-    share = f * share;
-    share.n = share.n + push;
-    // What the heading error has gained is news that the four have not felt yet.
-    const S kept = minimum(before / after, S(1));
-    add_circular(p, share, before * (S(1) - kept));
-    share = share * kept;
-}
-
-// What the velocity innovation z tells of the pair: psi gains x Re(conj(seen) z), the bias b Re(conj(seen) z).
-template <class S>
-struct HeadingGain {
-    Complex<S> seen;
-    S x, b;
+struct HeadingShare {
+    PhasorVector<S> x, b;
 };
 
-// `variance` is that of the innovation without the heading's part, `gain` what the four take from it.
+// What the shares add to the variance of a component, per axis.
 template <class S>
-HeadingGain<S> measure_velocity(PairCovariance<S>& pair, PhasorVector<S>& share, const PhasorVector<S>& gain, S variance) {
-    const Complex<S> h = share.n;
-    const S w = S(1) / (variance + pair.xx * norm2(h));
-    const HeadingGain<S> k = {h, pair.xx * w, pair.xb * w};
-    const S told = norm2(h);
-    pair.bb = pair.bb - k.b * pair.xb * told;
-    pair.xx = pair.xx * variance * w;
-    pair.xb = pair.xb * variance * w;
-    share = share + gain * (-h);
-    return k;
+S shared_variance(const PairCovariance<S>& pair, const Complex<S>& x, const Complex<S>& b) {
+    return S(0.5) * (pair.xx * norm2(x) + S(2) * pair.xb * inner(x, b) + pair.bb * norm2(b));
+}
+
+// White noise has gone into one of the pair, whose share is `own`: that is news that the four have not felt yet. `variance` is
+// the one's own where the other is known, `slope` the other's share in it.
+template <class S>
+void take_news(PhasorVector<S>& own, PhasorVector<S>& other, PhasorCovariance<S>& p, S noise, S variance, S slope) {
+    if (!(noise > S(0))) return;
+    const S part = noise / maximum(variance, noise);
+    add_circular(p, own, noise * (S(1) - part));
+    other = other + own * (part * slope);
+    own = own * (S(1) - part);
+}
+
+// Over an interval in which the specific force added `push`: i times the velocity that it gave. Moves the pair as
+// well; `noise` is what the heading gathers in all, `walk` that of the bias per second.
+template <class S>
+void propagate(PairCovariance<S>& pair, HeadingShare<S>& share, PhasorCovariance<S>& p, const Transition<S>& f, const Complex<S>& push,
+               S length, S noise, S walk) {
+    share.x = f * share.x;
+    share.x.n = share.x.n + push;
+    // In terms of the new heading the old one is less by what the bias has turned it.
+    share.b = f * share.b + share.x * -length;
+    share.b.n = share.b.n + push * (S(0.5) * length);
+    propagate(pair, length, S(0), S(0));
+    pair.xx = pair.xx + noise;
+    take_news(share.x, share.b, p, noise, pair.xx - pair.xb * pair.xb / pair.bb, pair.xb / pair.bb);
+    pair.xx = pair.xx + walk * length * length * length * S(1.0 / 3);
+    pair.xb = pair.xb + S(0.5) * walk * length * length;
+    pair.bb = pair.bb + walk * length;
+    take_news(share.b, share.x, p, walk * length, pair.bb - pair.xb * pair.xb / pair.xx, pair.xb / pair.xx);
+}
+
+// What the velocity innovation z tells of the pair: psi gains Re(conj(x) z), the bias Re(conj(b) z). `seen` is the share of
+// the pair in the velocity before.
+template <class S>
+struct HeadingGain {
+    Complex<S> seen_x, seen_b, x, b;
+};
+
+// One real measurement of the pair through (hx, hb).
+template <class S>
+PairGain<S> measure(PairCovariance<S>& p, S hx, S hb, S variance) {
+    const S px = p.xx * hx + p.xb * hb, pb = p.xb * hx + p.bb * hb, w = S(1) / (variance + hx * px + hb * pb);
+    p.xx = p.xx - px * px * w;
+    p.xb = p.xb - px * pb * w;
+    p.bb = p.bb - pb * pb * w;
+    return {px * w, pb * w};
+}
+
+// `variance` is that of the innovation without the pair's part, `gain` what the four take from it.
+template <class S>
+HeadingGain<S> measure_velocity(PairCovariance<S>& pair, HeadingShare<S>& share, const PhasorVector<S>& gain, S variance) {
+    const Complex<S> x = share.x.n, b = share.b.n;
+    // The real part, then the imaginary part, of which the first has already told something.
+    const PairGain<S> first = measure(pair, x.re, b.re, variance), second = measure(pair, x.im, b.im, variance);
+    const S told = x.im * first.x + b.im * first.b;
+    share.x = share.x + gain * (-x);
+    share.b = share.b + gain * (-b);
+    return {x, b, {first.x - second.x * told, second.x}, {first.b - second.b * told, second.b}};
 }
 
 }  // namespace levelhead

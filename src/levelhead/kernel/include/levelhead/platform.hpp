@@ -58,6 +58,12 @@ struct Interval {
     S learn;                    // 0 to 1: how much the level biases may learn from the interval
     S steered;                  // 1 where the course steered the heading, else 0
     S waiting;                  // 1 where start-up needs a longer interval: it goes on from its first epoch
+    // What the uncertainty of the estimates needs besides:
+    S turn;                     // integral of the vertical angular rate, rad
+    S speed, velocity_std;      // horizontal, of the fix at its end, m/s; NaN where the fix has no sigma
+    Vec3<S> amiss;              // GNSS less platform acceleration, NED; down: minus the vertical accelerometer bias, m/s^2
+    S level;                    // 1 where the loop was closed and w_p set, else 0
+    S aligned, heading_known;   // 1 from the epoch on that made it so, else 0
 };
 
 // Forget the attitude, not the biases: the next epochs level the platform anew.
@@ -227,6 +233,13 @@ Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, cons
     out.learn = select(level, clamp(trust, S(0), S(1)), S(0));
     out.steered = select(steer, S(1), S(0));
     out.waiting = select(e.waiting, S(1), S(0));
+    out.turn = p.turn;
+    out.speed = square_root(e.speed2);
+    out.velocity_std = horizontal_std(fix.std);
+    out.amiss = d;
+    out.level = select(level, S(1), S(0));
+    out.aligned = p.aligned;
+    out.heading_known = p.heading_known;
     begin_interval(p, e, e.velocity);
     return out;
 }

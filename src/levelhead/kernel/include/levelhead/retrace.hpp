@@ -22,6 +22,7 @@ struct Retraced {
     Dcm<S> dcm_body_to_ned;
     Vec3<S> velocity_ned, gyro_bias, accel_bias;
     Sigma<S> sigma;
+    bool heading_known;
 };
 
 template <class S>
@@ -134,7 +135,7 @@ struct Retracer {
         for (long i = begin; i < end; ++i) {
             if (i > 0 && readings.time[i] - readings.time[i - 1] > reset_gap) return;
             walk.to(readings.time[i], readings, i);
-            show(i, Retraced<S>{walk.platform.dcm_body_to_ned, walk.velocity(), r.gyro_bias, r.accel_bias, r.sigma});
+            show(i, Retraced<S>{walk.platform.dcm_body_to_ned, walk.velocity(), r.gyro_bias, r.accel_bias, r.sigma, r.heading_known});
         }
     }
 
@@ -144,7 +145,7 @@ struct Retracer {
         for (long i = end - 1; i >= begin; --i) {
             if (i + 1 < readings.count && readings.time[i + 1] - readings.time[i] > reset_gap) return;
             walk.to(readings.time[i], readings, i + 1);
-            show(i, Retraced<S>{walk.platform.dcm_body_to_ned, walk.velocity(), r.gyro_bias, r.accel_bias, r.sigma});
+            show(i, Retraced<S>{walk.platform.dcm_body_to_ned, walk.velocity(), r.gyro_bias, r.accel_bias, r.sigma, r.heading_known});
         }
     }
 
@@ -164,7 +165,7 @@ struct Retracer {
             const S part = S(walk.time - a.time) * per_second;
             show(i, Retraced<S>{rotated_in_ned(walk.platform.dcm_body_to_ned, missed_angle * part),
                                 walk.velocity() + missed_velocity * part, between(a.gyro_bias, b.gyro_bias, part),
-                                between(a.accel_bias, b.accel_bias, part), between(a.sigma, b.sigma, part)});
+                                between(a.accel_bias, b.accel_bias, part), between(a.sigma, b.sigma, part), a.heading_known});
         }
     }
 };

@@ -19,10 +19,9 @@ struct PairStep {
 // The heading's part of a record besides.
 template <class S>
 struct HeadingStep {
-    Complex<S> push;            // of a heading error on the velocity
-    HeadingGain<S> told;        // by the velocity
-    S variance;                 // of that innovation along `told.seen`
-    PhasorVector<S> share;      // of the heading error in the four, afterwards
+    Complex<S> push;        // of a heading error on the velocity
+    HeadingGain<S> told;    // by the velocity
+    HeadingShare<S> share;  // of heading and vertical gyro bias in the four, afterwards
 };
 
 // What the forward filter did at one epoch: how the errors moved there, what was measured, and where it then stood.
@@ -31,6 +30,7 @@ struct SmootherRecord {
     double time;
     S length;
     bool fresh;  // the attitude began anew: it is no continuation of the record before
+    bool heading_known;  // by then; after smoothing: ever, until the attitude begins anew
     Transition<S> moved;
     S variance;  // of the velocity innovation; 0: nothing was measured
     Complex<S> error;
@@ -65,8 +65,6 @@ struct Recording {
     void corrected(const PhasorVector<S>& gain, const HeadingGain<S>& aside, S variance, const Complex<S>& error) {
         now.gain = gain;
         now.heading.told = aside;
-        // x = xx / (variance + xx |seen|^2), so that the sum is variance / (1 - x |seen|^2).
-        now.heading.variance = variance / maximum(S(1) - aside.x * norm2(aside.seen), S(1e-6));
         now.variance = variance;
         now.error = error;
     }
@@ -84,6 +82,7 @@ struct Recording {
         now.gyro_bias = f.gyro_bias;
         now.accel_bias = f.accel_bias;
         now.azimuth = f.azimuth;
+        now.heading_known = f.platform.heading_known > S(0.5);
         sink->push(now);
     }
 
@@ -182,13 +181,29 @@ void unmove(PairCovariance<S>& m, S keep, S length) {
     m.xx = keep * keep * m.xx;
 }
 
-// The smoothed variances of a pair: P - P M P.
+// Back through what the velocity told the pair, two real measurements H with one noise: M <- (I - K H)^T M (I - K H) + H^T H
+// (I - K H) / s, where the inverse innovation variance is (I - H K) / s.
 template <class S>
-PairGain<S> smoothed_variances(const PairCovariance<S>& p, const PairCovariance<S>& m) {
-    const auto left = [&](S px, S pb, S own) {
-        return maximum(own - (px * px * m.xx + S(2) * px * pb * m.xb + pb * pb * m.bb), S(0));
-    };
-    return {left(p.xx, p.xb, p.xx), left(p.xb, p.bb, p.bb)};
+void unmeasure(PairCovariance<S>& m, const HeadingGain<S>& k, S variance) {
+    const S xx = S(1) - inner(k.x, k.seen_x), xb = -inner(k.x, k.seen_b), bx = -inner(k.b, k.seen_x), bb = S(1) - inner(k.b, k.seen_b);
+    const S w = S(1) / variance, hxx = norm2(k.seen_x) * w, hxb = inner(k.seen_x, k.seen_b) * w, hbb = norm2(k.seen_b) * w;
+    const PairCovariance<S> old = m;
+    m.xx = xx * xx * old.xx + S(2) * xx * bx * old.xb + bx * bx * old.bb + hxx * xx + hxb * bx;
+    m.xb = xx * xb * old.xx + (xx * bb + bx * xb) * old.xb + bx * bb * old.bb + hxx * xb + hxb * bb;
+    m.bb = xb * xb * old.xx + S(2) * xb * bb * old.xb + bb * bb * old.bb + hxb * xb + hbb * bb;
+}
+
+// The smoothed covariance of a pair: P - P M P.
+template <class S>
+PairCovariance<S> smoothed(const PairCovariance<S>& p, const PairCovariance<S>& m) {
+    const S xx = p.xx * m.xx + p.xb * m.xb, xb = p.xx * m.xb + p.xb * m.bb, bx = p.xb * m.xx + p.bb * m.xb, bb = p.xb * m.xb + p.bb * m.bb;
+    return {maximum(p.xx - xx * p.xx - xb * p.xb, S(0)), p.xb - xx * p.xb - xb * p.bb, maximum(p.bb - bx * p.xb - bb * p.bb, S(0))};
+}
+
+// The adjoint of the pair, with what reaches it through its share of the four.
+template <class S>
+PairGain<S> with_share(const Adjoint<S>& a, const HeadingShare<S>& share) {
+    return {a.turn.x + inner(share.x, a.x).re, a.turn.b + inner(share.b, a.x).re};
 }
 
 // Lambda back over one record: through its measurements in reverse order, then through the interval before it.
@@ -197,14 +212,14 @@ void step_back(Adjoint<S>& a, const SmootherRecord<S>& r) {
     const HeadingStep<S>& h = r.heading;
     // A turn of the platform takes the heading's share of the four with it.
     if (r.turning.variance > S(0)) {
-        const PairGain<S>& k = r.turning.gain;
-        const S against = a.turn.x + inner(h.share, a.x).re;
-        a.turn.x = a.turn.x - (k.x * against + k.b * a.turn.b) - r.turning.error / r.turning.variance;
+        const PairGain<S>&k = r.turning.gain, against = with_share(a, h.share);
+        a.turn.x = a.turn.x - (k.x * against.x + k.b * against.b) - r.turning.error / r.turning.variance;
     }
     if (r.variance > S(0)) {
-        const S against = h.told.x * (a.turn.x + inner(h.share, a.x).re) + h.told.b * a.turn.b;
-        const Complex<S> weighed = (r.error - h.told.seen * (h.told.x * inner(h.told.seen, r.error))) * (S(1) / r.variance);
-        a.x.n = a.x.n - inner(r.gain, a.x) - h.told.seen * against - weighed;
+        const HeadingGain<S>& k = h.told;
+        const PairGain<S> against = with_share(a, h.share);
+        const Complex<S> explained = k.seen_x * inner(k.x, r.error) + k.seen_b * inner(k.b, r.error);
+        a.x.n = a.x.n - inner(r.gain, a.x) - k.x * against.x - k.b * against.b - (r.error - explained) * (S(1) / r.variance);
     }
     if (r.lifting.variance > S(0)) {
         const PairGain<S>& k = r.lifting.gain;
@@ -224,10 +239,7 @@ void step_back(AdjointVariance<S>& m, const SmootherRecord<S>& r) {
     if (r.turning.variance > S(0)) unmeasure(m.turn, r.turning.gain, r.turning.variance);
     if (r.variance > S(0)) {
         unmeasure(m.level, r.gain, r.variance);
-        const HeadingGain<S>& k = r.heading.told;
-        const S seen = norm2(k.seen);
-        // To the heading, the velocity is one real measurement along `seen`.
-        if (k.x > S(0)) unmeasure(m.turn, PairGain<S>{k.x * seen, k.b * seen}, r.heading.variance / seen);
+        unmeasure(m.turn, r.heading.told, r.variance);
     }
     if (r.lifting.variance > S(0)) unmeasure(m.lift, r.lifting.gain, r.lifting.variance);
     unmove(m.turn, r.turning.keep, r.length);
@@ -238,11 +250,11 @@ void step_back(AdjointVariance<S>& m, const SmootherRecord<S>& r) {
 // The smoothed state of one record: the filter's, less P lambda of everything.
 template <class S>
 void replace_by_smoothed(SmootherRecord<S>& r, const Adjoint<S>& a, const AdjointVariance<S>& m, S gravity_var) {
-    const PhasorVector<S>& share = r.heading.share;
+    const HeadingShare<S>& share = r.heading.share;
     const PairCovariance<S>&t = r.turning.covariance, &l = r.lifting.covariance;
-    const S against = a.turn.x + inner(share, a.x).re;
-    const S turn = t.xx * against + t.xb * a.turn.b, turn_bias = t.xb * against + t.bb * a.turn.b;
-    const PhasorVector<S> d = times(r.covariance, a.x) + share * turn;
+    const PairGain<S> against = with_share(a, share);
+    const S turn = t.xx * against.x + t.xb * against.b, turn_bias = t.xb * against.x + t.bb * against.b;
+    const PhasorVector<S> d = times(r.covariance, a.x) + share.x * turn + share.b * turn_bias;
     const S lift = l.xx * a.lift.x + l.xb * a.lift.b, lift_bias = l.xb * a.lift.x + l.bb * a.lift.b;
 
     const Complex<S> nu = r.azimuth * d.n, theta = r.azimuth * d.t, g = r.azimuth * d.g, b = r.azimuth * d.a;
@@ -256,10 +268,10 @@ void replace_by_smoothed(SmootherRecord<S>& r, const Adjoint<S>& a, const Adjoin
     const S tilt = smoothed_variance(r.covariance, m.level, {zero, one, zero, zero}, r.covariance.tt);
     const S gyro = smoothed_variance(r.covariance, m.level, {zero, zero, one, zero}, r.covariance.gg);
     const S accel = smoothed_variance(r.covariance, m.level, {zero, zero, zero, one}, r.covariance.aa);
-    const PairGain<S> turn_left = smoothed_variances(t, m.turn), lift_left = smoothed_variances(l, m.lift);
-    const S h = S(0.5) * turn_left.x;
-    r.sigma = level_sigma(r.dcm_body_to_ned.z, gyro + h * norm2(share.g), turn_left.b, accel + h * norm2(share.a),
-                          lift_left.b + gravity_var, tilt + h * norm2(share.t), turn_left.x);
+    const PairCovariance<S> left = smoothed(t, m.turn);
+    r.sigma = level_sigma(r.dcm_body_to_ned.z, gyro + shared_variance(left, share.x.g, share.b.g), left.bb,
+                          accel + shared_variance(left, share.x.a, share.b.a), smoothed(l, m.lift).bb + gravity_var,
+                          tilt + shared_variance(left, share.x.t, share.b.t), r.heading_known ? left.xx : S(pi * pi));
 }
 
 // Replace the filter's state in each record by the smoothed one. Records in time order; `gravity_var` as in the filter.
@@ -268,6 +280,7 @@ void smooth(SmootherRecord<S>* records, long count, S gravity_var) {
     Adjoint<S> a{};
     AdjointVariance<S> m{};
     for (long k = count - 1; k >= 0; --k) {
+        if (k + 1 < count && !records[k + 1].fresh && records[k + 1].heading_known) records[k].heading_known = true;
         replace_by_smoothed(records[k], a, m, gravity_var);
         step_back(a, records[k]);
         step_back(m, records[k]);

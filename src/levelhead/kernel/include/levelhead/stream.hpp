@@ -29,6 +29,8 @@ struct Stream {
     Vec3<S> pending_velocity, pending_std;
     uint32_t broken;      // an IMU gap lies in the current interval
     uint32_t settled;     // status bits that only change at epochs
+    Interval<S> interval; // the last one closed
+    uint32_t closed;      // how many there have been
     EventCounter events[EVENT_COUNT];
 
     static Stream make(const typename Estimator::Params& params, const Vec3<S>& gyro_bias, const Vec3<S>& accel_bias) {
@@ -48,13 +50,13 @@ struct Stream {
     bool imu(double t, const Vec3<S>& w, const Vec3<S>& f) {
         if (!finite(t) || !finite(w) || !finite(f)) return drop(E_NONFINITE, stamp(t));
         if (!started()) {
-            estimator.restart(params, f - estimator.accel_bias);
+            estimator.restart(params, f - estimator.accel_bias, S(0));
             return take(t, w, f);
         }
         if (!(t > time)) return drop(W_TIME_BACK, t);
         if (t - time > reset_gap) {
             note(events[E_GAP_RESET], t);
-            estimator.restart(params, f - estimator.accel_bias);
+            estimator.restart(params, f - estimator.accel_bias, S(t - time));
             epoch_time = pending_time = no_time;
             broken = 0;
             return take(t, w, f);
@@ -135,6 +137,8 @@ struct Stream {
         if (length > max_interval || length > longest()) note(events[S_COAST], t);
         const bool usable = !first && !broken && length <= longest();
         const Interval<S> i = estimator.epoch(params, {S(length), usable, pending_velocity, pending_std});
+        interval = i;
+        ++closed;
         if (!any(i.waiting > S(0.5))) {
             epoch_time = t;
             last_length = length;

@@ -1,5 +1,4 @@
-// What every bound estimator shares: arguments in, arrays out, save and restore, one class per estimator and scalar.
-// Included by _kernel.cpp alone.
+// What every class of the binding shares: shapes are checked, the GIL is released, the header is called. No mathematics here.
 #ifndef LEVELHEAD_BINDING_HPP
 #define LEVELHEAD_BINDING_HPP
 
@@ -10,15 +9,15 @@
 #include <string.h>
 
 #include <type_traits>
-#include <vector>
 
+#include "_epochs.hpp"
 #include "levelhead/levelhead.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
 using namespace levelhead;
 
-namespace {
+namespace binding {
 
 using Vector = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Rows = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
@@ -26,7 +25,7 @@ using RowsOut = nb::ndarray<double, nb::shape<-1, 3>, nb::c_contig, nb::device::
 using StatusOut = nb::ndarray<uint32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 
 // Three numbers from a tuple, a list, a float64 array, or any other sequence: the streaming path, so the common kinds first.
-void read3(nb::handle object, const char* name, double out[3]) {
+inline void read3(nb::handle object, const char* name, double out[3]) {
     PyObject* o = object.ptr();
     if (PyTuple_CheckExact(o) || PyList_CheckExact(o)) {
         if (Py_SIZE(o) == 3) {
@@ -104,7 +103,7 @@ struct BlobHeader {
 
 constexpr uint32_t blob_format = 2;
 
-uint64_t checksum(const unsigned char* bytes, size_t count) {
+inline uint64_t checksum(const unsigned char* bytes, size_t count) {
     uint64_t h = 1469598103934665603ull;  // FNV-1a
     for (size_t i = 0; i < count; ++i) h = (h ^ bytes[i]) * 1099511628211ull;
     return h;
@@ -223,11 +222,13 @@ void show(const Stream& s, const Outputs& out, size_t i) {
     }
 }
 
-// Feed samples and epochs in time order, an epoch after the sample of the same stamp. Returns the epochs used up.
-template <class Stream>
-size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time, const Rows& velocity,
-           const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out, RowsOut velocity_out,
-           StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
+// Feed samples and epochs in time order, an epoch after the sample of the same stamp. Returns the epochs used up. `watch`
+// is called after whatever may have closed an interval.
+template <class Stream, class Watch>
+size_t run_watched(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
+                   const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
+                   RowsOut velocity_out, StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std,
+                   Watch watch) {
     using S = typename Stream::S;
     const size_t n = time.shape(0), m = gnss_time.shape(0);
     if (gyro.shape(0) != n || accel.shape(0) != n || gyro_bias.shape(0) != n || accel_bias.shape(0) != n ||
@@ -249,13 +250,23 @@ size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, c
             ++j;
         }
         s.imu(t[i], row<S>(w + 3 * i), row<S>(f + 3 * i));
+        watch();
         while (j < m && tg[j] == t[i]) {
             s.gnss(tg[j], row<S>(v + 3 * j), row<S>(sd + 3 * j));
+            watch();
             ++j;
         }
         show(s, out, i);
     }
     return j;
+}
+
+template <class Stream>
+size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time, const Rows& velocity,
+           const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out, RowsOut velocity_out,
+           StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
+    return run_watched(s, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out, velocity_out,
+                       status, gyro_bias_std, accel_bias_std, attitude_std, [] {});
 }
 
 template <class S>
@@ -311,6 +322,26 @@ nb::class_<Stream<Estimator>> bind_stream(nb::module_& m, const char* name, uint
     return c;
 }
 
+// The same, keeping what the uncertainty needs of every closed interval; an array of as many rows as could be closed.
+template <class Stream>
+size_t run_recorded(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
+                    const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
+                    RowsOut velocity_out, StatusOut status, RowsOut no_gyro_std, RowsOut no_accel_std, RowsOut no_attitude_std,
+                    EpochsOut epochs) {
+    if (epochs.shape(0) < gnss_time.shape(0) + 1)
+        throw nb::value_error("The array of epochs needs one row more than there are epochs.");
+    double* out = epochs.data();
+    uint32_t closed = s.closed;
+    run_watched(s, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out, velocity_out, status,
+                no_gyro_std, no_accel_std, no_attitude_std, [&] {
+                    if (s.closed == closed) return;
+                    closed = s.closed;
+                    put_epoch(out, s.gnss_time, s.interval);
+                    out += epoch_columns;
+                });
+    return size_t(out - epochs.data()) / epoch_columns;
+}
+
 // What the fixed-gain estimators show besides.
 template <class Estimator>
 void bind_residual(nb::class_<Stream<Estimator>>& c) {
@@ -320,6 +351,13 @@ void bind_residual(nb::class_<Stream<Estimator>>& c) {
     }, "Fraction of the initial (gyro, accel, heading) errors that can be left in the averaged loop.");
 }
 
-}  // namespace
+// ... and what their covariance is computed from.
+template <class Estimator>
+void bind_fixed_gain(nb::class_<Stream<Estimator>>& c) {
+    bind_residual(c);
+    c.def("run_recorded", &run_recorded<Stream<Estimator>>);
+}
+
+}  // namespace binding
 
 #endif

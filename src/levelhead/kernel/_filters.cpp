@@ -1,0 +1,182 @@
+// The binding of the filters: phasor, its smoother, and the baselines.
+#include <vector>
+
+#include "_binding.hpp"
+#include "_modules.hpp"
+
+using namespace binding;
+
+namespace {
+
+template <class S>
+PhasorParams<S> phasor_params(nb::handle lever_arm, double min_course_speed, double gravity, double gyro_noise, double accel_noise,
+                              double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std, double axle_std,
+                              double initial_gyro_bias_std, double initial_accel_bias_std, nb::object latitude,
+                              double gravity_std) {
+    const PhasorNoise<S> noise = {S(gyro_noise), S(accel_noise), S(gyro_bias_walk), S(accel_bias_walk)};
+    return {platform_params<S>(1.0, 1.0, min_course_speed, gravity, lever_arm), noise, S(velocity_std), S(sideslip_std), S(axle_std),
+            S(initial_gyro_bias_std), S(initial_accel_bias_std), latitude.is_none() ? S(NAN) : S(nb::cast<double>(latitude)),
+            S(gravity_std)};
+}
+
+template <class S>
+void bind_phasor(nb::module_& m, const char* name) {
+    using St = Stream<Phasor<S>>;
+    bind_stream<Phasor<S>>(m, name, 3)
+        .def(
+            "__init__",
+            [](St* self, double min_course_speed, double gravity, nb::handle lever_arm, double gyro_noise, double accel_noise,
+               double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std, double axle_std,
+               double initial_gyro_bias_std, double initial_accel_bias_std, nb::object latitude, double gravity_std,
+               nb::handle gyro_bias, nb::handle accel_bias) {
+                const auto k = phasor_params<S>(lever_arm, min_course_speed, gravity, gyro_noise, accel_noise, gyro_bias_walk,
+                                                accel_bias_walk, velocity_std, sideslip_std, axle_std, initial_gyro_bias_std,
+                                                initial_accel_bias_std, latitude, gravity_std);
+                new (self) St(St::make(k, vec3<S>(gyro_bias, "gyro_bias"), vec3<S>(accel_bias, "accel_bias")));
+            },
+            nb::kw_only(), "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "gyro_noise"_a, "accel_noise"_a, "gyro_bias_walk"_a,
+            "accel_bias_walk"_a, "velocity_std"_a, "sideslip_std"_a, "axle_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a,
+            "latitude"_a.none(), "gravity_std"_a, "gyro_bias"_a, "accel_bias"_a)
+        .def_prop_ro("innovation_ratio", [](const St& s) { return sqrt(double(s.estimator.surprise)); },
+                     "RMS of the velocity innovations over their predicted sigma: 1 where the noise is as the parameters say.");
+}
+
+// The smoother keeps what the forward filter did at each epoch; there is no stream of it to save.
+struct RecordSink {
+    std::vector<SmootherRecord<double>> records;
+    void push(const SmootherRecord<double>& r) { records.push_back(r); }
+};
+
+struct Smoother {
+    using Filter = Phasor<double, Recording<double, RecordSink>>;
+    RecordSink sink;
+    Stream<Filter> stream;
+
+    Smoother(const PhasorParams<double>& k, const Vec3<double>& gyro_bias, const Vec3<double>& accel_bias)
+        : stream(Stream<Filter>::make(k, gyro_bias, accel_bias)) {
+        stream.estimator.recorder = {&sink, &stream.advanced_to, {}};
+    }
+    Smoother(const Smoother&) = delete;
+};
+
+void retrace(Smoother& s, const Vector& time, const Rows& gyro, const Rows& accel, RowsOut gyro_bias, RowsOut accel_bias,
+             RowsOut attitude_out, RowsOut velocity_out, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
+    const size_t n = time.shape(0);
+    for (const RowsOut* out : {&gyro_bias, &accel_bias, &attitude_out, &velocity_out, &gyro_bias_std, &accel_bias_std, &attitude_std})
+        if (out->shape(0) != n || gyro.shape(0) != n || accel.shape(0) != n)
+            throw nb::value_error("The arrays of one run differ in length.");
+    const Outputs out = {gyro_bias.data(), accel_bias.data(), attitude_out.data(), velocity_out.data(), nullptr,
+                         gyro_bias_std.data(), accel_bias_std.data(), attitude_std.data()};
+    const Readings<double> readings = {time.data(), gyro.data(), accel.data(), long(n)};
+    nb::gil_scoped_release unlocked;
+    auto& records = s.sink.records;
+    smooth(records.data(), long(records.size()), s.stream.estimator.gravity_var);
+    const Retracer<double> retracer = {records.data(), long(records.size()), readings, s.stream.params};
+    retracer.run([&](long index, const Retraced<double>& r) {
+        const size_t i = size_t(index);
+        const auto& c = r.dcm_body_to_ned;
+        put(out.gyro_bias, i, r.gyro_bias);
+        put(out.accel_bias, i, r.accel_bias);
+        put(out.attitude, i, Vec3<double>{roll(c), pitch(c), r.heading_known ? heading(c) : NAN});
+        put(out.velocity, i, r.velocity_ned);
+        put(out.gyro_bias_std, i, r.sigma.gyro_bias);
+        put(out.accel_bias_std, i, r.sigma.accel_bias);
+        put(out.attitude_std, i, r.sigma.attitude);
+    });
+}
+
+// Of the horizontal velocity innovations, per epoch: how well the noise parameters explain what the filter did not foresee.
+double log_likelihood(const Smoother& s) {
+    double sum = 0.0;
+    size_t count = 0;
+    for (const auto& r : s.sink.records) {
+        if (!(r.variance > 0.0)) continue;
+        sum -= log(r.variance) + 0.5 * norm2(r.error) / r.variance;
+        count += 1;
+    }
+    return count > 0 ? sum / double(count) : NAN;
+}
+
+void bind_smoother(nb::module_& m) {
+    nb::class_<Smoother>(m, "SmootherF64")
+        .def(
+            "__init__",
+            [](Smoother* self, double min_course_speed, double gravity, nb::handle lever_arm, double gyro_noise, double accel_noise,
+               double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std, double axle_std,
+               double initial_gyro_bias_std, double initial_accel_bias_std, nb::object latitude, double gravity_std,
+               nb::handle gyro_bias, nb::handle accel_bias) {
+                const auto k = phasor_params<double>(lever_arm, min_course_speed, gravity, gyro_noise, accel_noise, gyro_bias_walk,
+                                                     accel_bias_walk, velocity_std, sideslip_std, axle_std, initial_gyro_bias_std,
+                                                     initial_accel_bias_std, latitude, gravity_std);
+                new (self) Smoother(k, vec3<double>(gyro_bias, "gyro_bias"), vec3<double>(accel_bias, "accel_bias"));
+            },
+            nb::kw_only(), "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "gyro_noise"_a, "accel_noise"_a, "gyro_bias_walk"_a,
+            "accel_bias_walk"_a, "velocity_std"_a, "sideslip_std"_a, "axle_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a,
+            "latitude"_a.none(), "gravity_std"_a, "gyro_bias"_a, "accel_bias"_a)
+        .def("run", [](Smoother& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
+                       const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
+                       RowsOut velocity_out, StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
+            return run(s.stream, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out,
+                       velocity_out, status, gyro_bias_std, accel_bias_std, attitude_std);
+        })
+        .def("retrace", &retrace)
+        .def_prop_ro("log_likelihood", &log_likelihood)
+        .def_prop_ro("raw_events", [](const Smoother& s) { return events(s.stream); })
+        .def_prop_ro("vertical_axis", [](const Smoother& s) { return vertical_axis(s.stream); })
+        .def_prop_ro("innovation_ratio", [](const Smoother& s) { return sqrt(double(s.stream.estimator.surprise)); });
+}
+
+template <class S>
+void bind_ekf(nb::module_& m, const char* name) {
+    auto c = bind_stream<Ekf<S>>(m, name, 4);
+    c.def(
+        "__init__",
+        [](Stream<Ekf<S>>* self, double min_course_speed, double gravity, nb::handle lever_arm, double gyro_noise, double accel_noise,
+           double gyro_bias_walk, double accel_bias_walk, double velocity_std, double initial_gyro_bias_std,
+           double initial_accel_bias_std, double latitude, nb::handle gyro_bias, nb::handle accel_bias) {
+            // The platform's time constants have no meaning for a Kalman filter.
+            EkfParams<S> k{platform_params<S>(1.0, 1.0, min_course_speed, gravity, lever_arm), S(gyro_noise), S(accel_noise),
+                           S(gyro_bias_walk), S(accel_bias_walk), S(velocity_std), S(initial_gyro_bias_std),
+                           S(initial_accel_bias_std), S(latitude)};
+            new (self) Stream<Ekf<S>>(
+                Stream<Ekf<S>>::make(k, vec3<S>(gyro_bias, "gyro_bias"), vec3<S>(accel_bias, "accel_bias")));
+        },
+        nb::kw_only(), "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "gyro_noise"_a, "accel_noise"_a, "gyro_bias_walk"_a,
+        "accel_bias_walk"_a, "velocity_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a, "latitude"_a, "gyro_bias"_a,
+        "accel_bias"_a);
+    c.def_prop_ro("covariance", [](const Stream<Ekf<S>>& s) {
+        constexpr int n = ekf_states;
+        double values[n * n];
+        for (int i = 0; i < n * n; ++i) values[i] = double(s.estimator.covariance[i / n][i % n]);
+        return nb::cast(nb::ndarray<nb::numpy, const double, nb::shape<n, n>>(values), nb::rv_policy::copy);
+    }, "Covariance (15, 15) of the errors of position, velocity (NED), attitude (NED rotation vector), gyro and accel bias.");
+}
+
+template <class S>
+void bind_mahony(nb::module_& m, const char* name) {
+    auto c = bind_stream<Mahony<S>>(m, name, 5);
+    bind_residual(c);
+    c.def(
+        "__init__",
+        [](Stream<Mahony<S>>* self, double tau, double tau_heading, double min_course_speed, double gravity, nb::handle lever_arm,
+           double tau_gyro, bool use_gnss_acceleration, nb::handle gyro_bias, nb::handle accel_bias) {
+            MahonyParams<S> k{platform_params<S>(tau, tau_heading, min_course_speed, gravity, lever_arm), S(tau_gyro),
+                              use_gnss_acceleration ? 1u : 0u};
+            new (self) Stream<Mahony<S>>(
+                Stream<Mahony<S>>::make(k, vec3<S>(gyro_bias, "gyro_bias"), vec3<S>(accel_bias, "accel_bias")));
+        },
+        nb::kw_only(), "tau"_a, "tau_heading"_a, "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "tau_gyro"_a,
+        "use_gnss_acceleration"_a, "gyro_bias"_a, "accel_bias"_a);
+}
+
+}  // namespace
+
+void bind_filters(nb::module_& m) {
+    bind_phasor<double>(m, "PhasorF64");
+    bind_phasor<float>(m, "PhasorF32");
+    bind_smoother(m);
+    bind_ekf<double>(m, "EkfF64");
+    bind_ekf<float>(m, "EkfF32");
+    bind_mahony<double>(m, "MahonyF64");
+    bind_mahony<float>(m, "MahonyF32");
+}
