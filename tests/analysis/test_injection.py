@@ -103,7 +103,9 @@ def test_three_sigma_are_those_of_both_runs(
     def off_by_1e_3(result: lh.Result, data: SensorData) -> lh.Result:
         full = linear(result, data)
         std = np.full(full.gyro_bias.shape, sigma)
-        return replace(full, gyro_bias=0.9 * full.gyro_bias, gyro_bias_std=std, accel_bias_std=np.full(std.shape, np.nan))
+        return replace(
+            full, gyro_bias=0.9 * full.gyro_bias, gyro_bias_std=std, accel_bias_std=np.full(std.shape, np.nan)
+        )
 
     register("sure", off_by_1e_3)
     # Lost: 1e-3 rad/s. Three combined sigma: 3 sqrt(2) 3e-4 = 1.3e-3, or 8.5e-4.
