@@ -151,7 +151,7 @@ def test_a_circle_never_separates_the_two(seed: int) -> None:
 
 
 def test_the_latitude_comes_from_the_log_unless_it_is_given() -> None:
-    log, _ = lh.simulate("field", seed=1, duration=30.0)
+    log, _ = lh.simulate("field", seed=1, duration=30.0, earth_rotation=True)
     assert log.position_llh is not None
     latitude = float(np.median(log.position_llh[:, 0]))
     assert lh.estimate(log, "ekf", params=lh.EkfParams()).params["latitude"] == pytest.approx(latitude)
