@@ -112,8 +112,8 @@ def test_float_agrees_with_double(params: PhasorParams, drive: Log) -> None:
     single, double = run_compiled(params, drive, single=True), run_compiled(params, drive)
     sigma = sigmas(double)
     # The project promises 1e-4 deg/s, 1e-4 m/s^2 and 0.005 deg of a filter that has settled. Before that the gains are
-    # high and a float's rounding of the velocity (7e-7 m/s) goes through them: then two hundredths of sigma are allowed,
-    # which is twice what was seen.
+    # high and a float's rounding of the velocity (7e-7 m/s) goes through them: then two hundredths of sigma are
+    # allowed, which is twice what was seen.
     gyro, accel = np.abs(single.gyro_bias - double.gyro_bias), np.abs(single.accel_bias - double.accel_bias)
     assert (gyro < np.maximum(math.radians(1e-4), 0.02 * sigma[:, :3])).all()
     assert (accel < np.maximum(1e-4, 0.02 * sigma[:, 3:6])).all()
