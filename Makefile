@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO ?= levelhead-demo
 SOURCES := pyproject.toml CMakeLists.txt $(shell find src -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: demo test lint bench drives clean
+.PHONY: demo test lint bench drives soak clean
 
 demo: $(VENV)/built
 	$(BIN)/levelhead demo -o $(DEMO)
@@ -20,7 +20,13 @@ lint: $(VENV)/tested
 
 bench: $(VENV)/built
 	$(BIN)/python benchmarks/accuracy.py
+	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/speed.py
+
+# What takes minutes: a thousand drives, and outside authorities.
+soak: $(VENV)/tested
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[compare]'
+	$(BIN)/python -m pytest -m slow
 
 # Real drives are not part of the repository: make drives DATA=folder
 drives: $(VENV)/built

@@ -7,6 +7,7 @@ at rest after the drive; for KITTI the residual biases are about zero (a tactica
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from dataclasses import replace
@@ -16,10 +17,14 @@ import numpy as np
 
 import levelhead as lh
 from levelhead.conventions import FloatArray
+from levelhead.estimators import METHODS
+from levelhead.estimators.params import FilterParams
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "mappings"
 GYRO = np.radians([0.08, 0.13, 0.05])
 ACCEL = np.array([0.11, 0.2, 0.0])
+KARLSRUHE = math.radians(49.0)
+"""Where the KITTI drives were recorded; the logs hold no positions."""
 
 
 def with_biases(log: lh.Log, gyro: FloatArray, accel: FloatArray) -> lh.Log:
@@ -85,35 +90,54 @@ def rtklib_table(folder: Path) -> None:
     """Print the end of the drive against the gyro at rest, and the recovery of added biases."""
     log = rtklib_drive(folder)
     rest = np.degrees(at_rest_after(log))
-    print(f"rtklib-drive: gyro at rest after the drive {_show(rest, 4)} deg/s")
+    print(f"rtklib-drive: gyro at rest after the drive {_show(rest, 4)} deg/s; noise found from the log")
     added = "recovery error, 0.2 deg/s and 0.3 m/s^2 added"
-    print(f"{'method':12s}{'gyro x, y at the end':>24s}{'less rest':>20s}{added:>50s}")
-    for method in ("observer", "two-stage"):
-        plain = lh.estimate(log, method)
+    print(f"{'method':12s}{'gyro x, y at the end':>24s}{'less rest':>20s}{'sigma':>16s}{added:>50s}")
+    results = {}
+    for method in METHODS:
+        plain = results[method] = lh.estimate(log, method)
         # The added biases are constants: they are recovered once the loop has settled, like any other.
         loaded = lh.estimate(with_biases(log, np.radians([0.2, 0.2, 0.0]), np.array([0.3, 0.3, 0.0])), method)
         end = np.degrees(plain.gyro_bias[-1, :2])
         gyro = np.degrees(loaded.gyro_bias[-1] - plain.gyro_bias[-1])[:2] - 0.2
         accel = (loaded.accel_bias[-1] - plain.accel_bias[-1])[:2] - 0.3
         recovered = f"{_show(gyro, 4)} deg/s {_show(accel, 4)} m/s^2"
-        print(f"{method:12s}{_show(end, 4):>24s}{_show(end - rest[:2], 4):>20s}{recovered:>50s}")
+        sigma = " ".join(f"{v:.4f}" for v in np.degrees(plain.gyro_bias_std[-1, :2]))
+        print(f"{method:12s}{_show(end, 4):>24s}{_show(end - rest[:2], 4):>20s}{sigma:>16s}{recovered:>50s}")
+    late = log.time > 120.0
+    for method in ("ekf", "smoother"):
+        apart = [getattr(results[method], a) - getattr(results["phasor"], a) for a in ("roll", "pitch")]
+        rms = np.degrees(np.sqrt([np.nanmean(d[late] ** 2) for d in apart]))
+        print(f"phasor and {method}: roll and pitch differ by {rms[0]:.4f}, {rms[1]:.4f} deg RMS after 120 s")
 
 
 def kitti_table(folder: Path) -> None:
     """Print errors on the KITTI drives with biases added: at the end, and of roll and pitch after 120 s."""
-    print("\nKITTI, 10 Hz velocity with 0.03 m/s noise, biases 0.08, 0.13, 0.05 deg/s and 0.11, 0.2, 0 m/s^2 added")
-    header = f"{'drive':8s}{'method':12s}{'gyro error at the end deg/s':>32s}{'accel error m/s^2':>22s}"
-    print(f"{header}{'roll, pitch RMS after 120 s, mean removed, deg':>50s}")
+    print("\nKITTI, 10 Hz velocity with 0.03 m/s noise, biases 0.08, 0.13, 0.05 deg/s and 0.11, 0.2, 0 m/s^2 added.")
+    print("Filters: default constants and the latitude of Karlsruhe. In brackets: over the method's own sigma.")
+    print(f"{'drive':7s}{'method':11s}{'gyro error at the end deg/s':>42s}{'accel error m/s^2':>30s}", end="")
+    print(f"{'roll, pitch after 120 s, deg':>30s}{'both':>8s}")
     for path in sorted((folder / "kitti").glob("*.parquet")):
         log, reference = kitti_log(path)
-        for method in ("observer", "two-stage"):
-            result = lh.estimate(with_biases(log, GYRO, ACCEL), method)
-            gyro = np.degrees(result.gyro_bias[-1] - GYRO)
+        for method in ("observer", "two-stage", "phasor", "smoother", "ekf"):
+            params = METHODS[method].params
+            constants = params(latitude=KARLSRUHE) if issubclass(params, FilterParams) else None
+            result = lh.estimate(with_biases(log, GYRO, ACCEL), method, params=constants)
+            gyro = result.gyro_bias[-1] - GYRO
             accel = (result.accel_bias[-1] - ACCEL)[:2]
             late = log.time > 120.0
             tilt = np.column_stack([result.roll - reference["true_roll"], result.pitch - reference["true_pitch"]])[late]
             rms = np.degrees(np.nanstd(tilt, axis=0))
-            print(f"{path.stem[-4:]:8s}{method:12s}{_show(gyro, 4):>32s}{_show(accel, 4):>22s}{_show(rms, 3):>50s}")
+            cells = (
+                _in_sigma(np.degrees(gyro), gyro / result.gyro_bias_std[-1]),
+                _in_sigma(accel, accel / result.accel_bias_std[-1, :2]),
+            )
+            both = float(np.sqrt(np.mean(rms**2)))
+            print(f"{path.stem[-4:]:7s}{method:11s}{cells[0]:>42s}{cells[1]:>30s}{_show(rms, 3):>30s}{both:8.3f}")
+
+
+def _in_sigma(errors: FloatArray, ratios: FloatArray) -> str:
+    return " ".join(f"{e:+.4f} ({r:+.1f})" for e, r in zip(errors, ratios, strict=True))
 
 
 def main() -> None:

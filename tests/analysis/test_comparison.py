@@ -38,8 +38,8 @@ def with_sigma(gyro_x: float) -> Callable[[lh.Result, SensorData], lh.Result]:
         bias = np.broadcast_to([gyro_x, 0.0, 0.0], shape)
         std = np.full(shape, 3e-4)
         none = np.full(shape, np.nan)
-        stds = {"gyro_bias_std": std, "accel_bias_std": none, "attitude_std": none}
-        return replace(result, gyro_bias=bias, known_gyro=(True, True, False), **stds)
+        result = replace(result, gyro_bias_std=std, accel_bias_std=none, attitude_std=none)
+        return replace(result, gyro_bias=bias, known_gyro=(True, True, False))
 
     return change
 
