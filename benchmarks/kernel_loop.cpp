@@ -49,6 +49,12 @@ PhasorParams<S> phasor() {
     return {platform<S>(), noise, S(0.03), S(0.5) * degree, S(0.5), S(0.5) * degree, S(0.3), S(0.8), S(0)};
 }
 
+template <class S>
+EkfParams<S> ekf() {
+    const S degree = S(pi / 180);
+    return {platform<S>(), S(0.01) * degree, S(0.0142), S(2e-6), S(2e-4), S(0.03), S(0.5) * degree, S(0.3), S(0.8)};
+}
+
 const Loop loops[] = {
     {"hand-written C, double", hand_loop},
     {"observer, double", [](auto... log) { kernel_loop<Observer<double>>({platform<double>(), 40.0, pi / 4, 0}, log...); }},
@@ -56,6 +62,7 @@ const Loop loops[] = {
     {"two-stage, double", [](auto... log) { kernel_loop<TwoStage<double>>({platform<double>(), 40.0, 40.0, 0.035, 0.14, 1}, log...); }},
     {"phasor, double", [](auto... log) { kernel_loop<Phasor<double>>(phasor<double>(), log...); }},
     {"phasor, float", [](auto... log) { kernel_loop<Phasor<float>>(phasor<float>(), log...); }},
+    {"15-state EKF, double", [](auto... log) { kernel_loop<Ekf<double>>(ekf<double>(), log...); }},
 };
 constexpr int loop_count = int(sizeof loops / sizeof loops[0]);
 

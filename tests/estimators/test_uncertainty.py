@@ -120,7 +120,7 @@ def test_on_a_side_slope_the_vertical_bias_is_a_matter_of_roll() -> None:
     for seed in range(6):
         log, truth = drive("hill", seed, 750.0, vertical_bias=0.3)
         late = log.time > 450.0
-        result = lh.estimate(log, noise=NOISE)
+        result = lh.estimate(log, "observer", noise=NOISE)
         errors.append(np.column_stack([result.roll - truth.roll, result.pitch - truth.pitch])[late])
         sigmas.append(result.attitude_std[late, :2])
     error, sigma = (np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)) for parts in (errors, sigmas))

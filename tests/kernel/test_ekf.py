@@ -1,9 +1,10 @@
-"""The Kalman filter's arithmetic: against a NumPy filter written from the equations, in float, over hours, through saves."""
+"""The Kalman filter's arithmetic: against a NumPy filter from the textbook, in float, over hours, gaps and outages."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,7 +65,7 @@ class Twin:
         transition = np.eye(15) + a * dt + a @ a * dt**2 / 2 + a @ a @ a * dt**3 / 6
         noise = [0.0, k.accel_noise / math.sqrt(2), k.gyro_noise / math.sqrt(2), k.gyro_bias_walk, k.accel_bias_walk]
         self.covariance = transition @ self.covariance @ transition.T + np.diag(np.repeat(np.square(noise), 3) * dt)
-        self.velocity = self.velocity + (force + [0.0, 0.0, k.gravity] + self.coriolis_force) * dt
+        self.velocity = self.velocity + (force + np.array([0.0, 0.0, k.gravity]) + self.coriolis_force) * dt
         self.dcm = nearest_rotation(after)
 
     def epoch(self, velocity: FloatArray, std: float) -> None:
@@ -120,9 +121,9 @@ def test_a_numpy_filter_from_the_textbook_agrees() -> None:
                 state = (ours.velocity_ned, ours.dcm_body_to_ned, ours.gyro_bias, ours.accel_bias, ours.covariance)
                 theirs = Twin(params, *(np.array(part) for part in state))
     assert theirs is not None
-    # The same equations, integrated differently: the twins differ in how the velocity grows within a step, by 0.01 s times
-    # what the attitude turns in it, which the velocity updates keep from adding up. A thousandth of sigma is seven times
-    # what is left, and far below what any test of accuracy sees.
+    # The same equations, integrated differently: the twins differ in how the velocity grows within a step, by 0.01 s
+    # times what the attitude turns in it, which the velocity updates keep from adding up. A thousandth of sigma is
+    # seven times what is left, and far below what any test of accuracy sees.
     sigma_gyro, sigma_accel, sigma_attitude = ours.sigma
     assert (np.abs(ours.gyro_bias - theirs.gyro_bias) / sigma_gyro).max() < 1e-3
     assert (np.abs(ours.accel_bias - theirs.accel_bias) / sigma_accel).max() < 1e-3
@@ -130,7 +131,7 @@ def test_a_numpy_filter_from_the_textbook_agrees() -> None:
     assert np.abs(turned - np.eye(3)).max() / sigma_attitude.min() < 1e-3
     np.testing.assert_allclose(ours.velocity_ned, theirs.velocity, atol=1e-5)
     scale = np.sqrt(np.diag(theirs.covariance))
-    # Second-order terms of the transition that the header leaves out: 0.01 s squared out of seconds squared, and a tenth.
+    # Second-order terms of the transition that the header leaves out: 0.01 s squared out of ten seconds squared.
     difference = (ours.covariance - theirs.covariance) / np.outer(scale, scale)
     assert np.abs(difference[3:, 3:]).max() < 1e-5
 
@@ -178,7 +179,7 @@ def dcm(roll: float, pitch: float, heading: float) -> FloatArray:
     return rotation(z * heading) @ rotation(y * pitch) @ rotation(x * roll)
 
 
-def arguments(params: EkfParams) -> dict[str, object]:
+def arguments(params: EkfParams) -> dict[str, Any]:
     """Constants of the compiled class, zero initial biases."""
     return {**params.kernel_arguments(), "gyro_bias": (0.0, 0.0, 0.0), "accel_bias": (0.0, 0.0, 0.0)}
 
@@ -191,8 +192,8 @@ def test_float_agrees_with_double(kind: str) -> None:
     params = arguments(EkfParams())
     single, double = run(EkfF32(**params), log, with_sigma=True), run(EkfF64(**params), log, with_sigma=True)
     late = log.time > 60.0
-    # A float resolves the attitude to 1e-7 rad; sigma is 5e-4 rad. Some tens of roundings fit into a hundredth of sigma,
-    # and sigma, which is a sum over thousands of steps, agrees to half a percent.
+    # A float resolves the attitude to 1e-7 rad; sigma is 5e-4 rad. Some tens of roundings fit into a hundredth of
+    # sigma, and sigma, which is a sum over thousands of steps, agrees to half a percent.
     for name in ("gyro_bias", "accel_bias"):
         sigma = getattr(double, f"{name}_std")[late]
         assert (np.abs(getattr(single, name) - getattr(double, name))[late] / sigma).max() < 0.01
@@ -209,8 +210,8 @@ def test_the_covariance_stays_one_for_an_hour(single: bool) -> None:
     p = stream.covariance
     np.testing.assert_array_equal(p, p.T)
     scale = np.sqrt(np.diag(p))
-    # As correlations its smallest eigenvalue is 0.46: no combination of states is known a thousand times better than its
-    # parts, which is how a covariance looks before it breaks.
+    # As correlations its smallest eigenvalue is 0.46: no combination of states is known a thousand times better than
+    # its parts, which is how a covariance looks before it breaks.
     assert np.linalg.eigvalsh(p / np.outer(scale, scale)).min() > 0.1
 
 

@@ -16,7 +16,8 @@ import pytest
 from levelhead.conventions import FloatArray
 from levelhead.estimators.base import Result, Status
 from levelhead.events import Event
-from levelhead.report.html import render_report, script_json
+from levelhead.report.html import render_report
+from levelhead.report.page import script_json
 
 Make = Callable[..., Result]
 HOSTILE = "</script><img src=x onerror=alert(1)>"

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TypeVar
 
 from levelhead.errors import UsageError
-from levelhead.estimators import METHODS
+from levelhead.estimators import METHODS, Method
 from levelhead.estimators.base import Result, SensorData
 from levelhead.estimators.likelihood import fit_noise
-from levelhead.estimators.params import FilterParams, Initial, MethodParams, NoiseParams
+from levelhead.estimators.params import FilterParams, Initial, MethodParams, NoiseParams, Triple
 from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress
 from levelhead.events import Event, merge_events
@@ -68,34 +68,54 @@ def estimate(
     """
     if method is None:
         method = next((m for m in (DEFAULT_METHOD, *METHODS) if METHODS[m].params is type(params)), DEFAULT_METHOD)
-    if method not in METHODS:
-        raise UsageError(f"There is no method {method!r}; choose one of {', '.join(METHODS)}.")
-    chosen = METHODS[method]
-    constants = chosen.params() if params is None else params
-    if type(constants) is not chosen.params:
-        raise UsageError(
-            f"The method {method!r} takes {chosen.params.__name__}, not {type(constants).__name__}; pass that instead."
-        )
-    if lever_arm is not None:
-        constants = replace(constants, lever_arm=lever_arm)
-    if noise is not None and not chosen.takes_noise:
-        raise UsageError(
-            f"The method {method!r} has its noise in params; pass {chosen.params.__name__} instead of noise."
-        )
+    chosen = _chosen(method)
     data = log if log.velocity_ned is not None else velocity_from_position(log)
-    found: tuple[Event, ...] = ()
-    if isinstance(constants, FilterParams):
-        if log.meta.get("earth_rotation", True):  # a simulated Earth may stand still
-            constants = at_place(constants, data)
-        if params is None:
-            constants, found = noise_of(data, constants)
+    constants, found = constants_for(data, method, params=params, lever_arm=lever_arm)
     if chosen.takes_noise:
         if noise is None:
             noise, found = noise_of(data, NoiseParams())
         result = chosen.run(data, constants, initial, progress, noise=noise)
+    elif noise is not None:
+        raise UsageError(
+            f"The method {method!r} has its noise in params; pass {chosen.params.__name__} instead of noise."
+        )
     else:
         result = chosen.run(data, constants, initial, progress)
     return replace(result, log_info=log.describe(), events=merge_events((*data.events, *result.events, *found)))
+
+
+def _chosen(method: str) -> Method:
+    if method not in METHODS:
+        raise UsageError(f"There is no method {method!r}; choose one of {', '.join(METHODS)}.")
+    return METHODS[method]
+
+
+def constants_for(
+    log: Log, method: str, *, params: MethodParams | None = None, lever_arm: Triple | None = None
+) -> tuple[MethodParams, tuple[Event, ...]]:
+    """Return the constants that `estimate` runs a method with, and the events of how they were found.
+
+    Parameters
+    ----------
+    log : Log
+        A log with velocities: its positions tell latitude and gravity, and where `params` is absent its readings tell a
+        filter's sensor noise.
+    method, params, lever_arm
+        As for `estimate`.
+    """
+    kind = _chosen(method).params
+    constants = kind() if params is None else params
+    if type(constants) is not kind:
+        raise UsageError(
+            f"The method {method!r} takes {kind.__name__}, not {type(constants).__name__}; pass that instead."
+        )
+    if lever_arm is not None:
+        constants = replace(constants, lever_arm=lever_arm)
+    if not isinstance(constants, FilterParams):
+        return constants, ()
+    if log.meta.get("earth_rotation", True):  # a simulated Earth may stand still
+        constants = at_place(constants, log)
+    return noise_of(log, constants) if params is None else (constants, ())
 
 
 def noise_of(data: SensorData, params: N) -> tuple[N, tuple[Event, ...]]:

@@ -12,7 +12,7 @@ import typer
 from levelhead.analysis.estimation import DEFAULT_METHOD
 from levelhead.analysis.estimation import estimate as estimate_log
 from levelhead.cli.console import progress, say_error, show_result, terminal
-from levelhead.cli.options import FormatOption, GnssOption, MappingOption, read_log
+from levelhead.cli.options import FormatOption, GnssOption, LeverArmOption, MappingOption, read_log, vector
 from levelhead.cli.settings import load_params
 from levelhead.errors import LevelheadError, UsageError
 from levelhead.estimators import METHODS
@@ -33,9 +33,7 @@ def estimate(
     log_format: FormatOption = None,
     method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = DEFAULT_METHOD,
     params: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Constants of the method.")] = None,
-    lever_arm: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="From the IMU to the antenna, m: forward,right,down.")
-    ] = None,
+    lever_arm: LeverArmOption = None,
     corrected: Annotated[
         Literal["parquet", "csv"] | None, typer.Option(help="Also write the log with the biases taken off.")
     ] = None,
@@ -45,7 +43,7 @@ def estimate(
         raise UsageError("--gnss goes with one IMU file; run the command once per drive.")
     folders = [output] if len(logs) == 1 else [output / name for name in _names(logs)]
     constants = load_params(method, params)
-    arm = None if lever_arm is None else _vector(lever_arm)
+    arm = None if lever_arm is None else vector(lever_arm)
     codes = []
     for path, folder in zip(logs, folders, strict=True):
         try:
@@ -102,11 +100,3 @@ def _names(logs: list[Path]) -> list[str]:
             "Two logs have the same file name, so their results would overwrite each other; run them apart."
         )
     return names
-
-
-def _vector(text: str) -> Triple:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise UsageError(f"--lever-arm is {text!r}; pass three lengths in metres such as 0.2,0,-1.5.") from None
-    return x, y, z

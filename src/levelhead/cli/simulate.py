@@ -1,4 +1,4 @@
-"""`levelhead simulate`: a drive with a known truth."""
+"""`levelhead simulate`: a drive with a known truth, or many of them with every method run on each."""
 
 from __future__ import annotations
 
@@ -7,26 +7,84 @@ from typing import Annotated
 
 import typer
 
+from levelhead.analysis.montecarlo import monte_carlo
+from levelhead.cli.analyses import show_monte_carlo
 from levelhead.cli.console import progress, terminal
+from levelhead.cli.options import MethodsOption, names_of
+from levelhead.errors import UsageError
 from levelhead.logs.writers import write
-from levelhead.report.files import write_truth
+from levelhead.report.files import make_folder, write_json, write_text, write_truth
+from levelhead.report.montecarlo import render_monte_carlo
 from levelhead.sim import SCENARIOS
 from levelhead.sim import simulate as simulate_drive
+
+ONE_DRIVE_S = 1800.0
+OF_MANY_S = 600.0
 
 
 def simulate(
     scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help=f"One of: {', '.join(SCENARIOS)}.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Log to write: .parquet or .csv.")],
-    seed: Annotated[int, typer.Option(help="Same seed, same drive.")] = 0,
-    duration: Annotated[float, typer.Option(metavar="S", help="Length of the drive, s.")] = 1800.0,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Log to write: .parquet or .csv; with --compare a folder."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Same seed, same drive; of many drives, the first one's.")] = 0,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", help=f"Length of a drive, s: {ONE_DRIVE_S:.0f}, of many drives {OF_MANY_S:.0f}."),
+    ] = None,
+    runs: Annotated[int | None, typer.Option(metavar="N", help="With --compare: how many drives.")] = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Run the methods on N drives; how large are their errors?")
+    ] = False,
+    methods: MethodsOption = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="K", help="With --compare: processes; one per processor if absent.")
+    ] = None,
     earth_rotation: Annotated[
         bool, typer.Option(help="Whether the gyros feel the Earth turn, as real ones do.")
     ] = True,
 ) -> None:
-    """Simulate a drive; write its log, and its truth beside it as FILE.truth.parquet."""
+    """Simulate a drive; write its log, and its truth beside it as FILE.truth.parquet. Or compare methods on many."""
+    if compare:
+        if runs is None:
+            raise UsageError("--compare goes with --runs N, the number of drives.")
+        length = OF_MANY_S if duration is None else duration
+        _many(scenario, output, seed=seed, duration=length, runs=runs, methods=methods, workers=workers)
+        return
+    for name, value in (("--runs", runs), ("--methods", methods), ("--workers", workers)):
+        if value is not None:
+            raise UsageError(f"{name} goes with --compare; without it `simulate` writes one drive.")
+    if output is None:
+        raise UsageError("Name the log to write with -o FILE (.parquet or .csv).")
     with progress(f"Simulating {scenario}"):
-        log, truth = simulate_drive(scenario, seed=seed, duration=duration, earth_rotation=earth_rotation)
+        length = ONE_DRIVE_S if duration is None else duration
+        log, truth = simulate_drive(scenario, seed=seed, duration=length, earth_rotation=earth_rotation)
     write(log, output)
     beside = output.with_name(output.stem + ".truth.parquet")
     write_truth(truth, beside)
     terminal().print(f"Wrote {output} and {beside}.", markup=False)
+
+
+def _many(
+    scenario: str,
+    folder: Path | None,
+    *,
+    seed: int,
+    duration: float,
+    runs: int,
+    methods: str | None,
+    workers: int | None,
+) -> None:
+    """Run a Monte Carlo analysis, show it, and write it where a folder is named."""
+    with progress(f"{runs} drives, {scenario}") as report:
+        found = monte_carlo(
+            scenario, runs, names_of(methods), duration=duration, seed0=seed, workers=workers, progress=report
+        )
+    if folder is not None:
+        make_folder(folder)
+        write_text(render_monte_carlo(found), folder / "montecarlo.html")
+        write_json(found.as_dict(), folder / "montecarlo.json")
+    show_monte_carlo(found)
+    if folder is not None:
+        terminal().print(f"Results in {folder}: montecarlo.json, montecarlo.html.", markup=False)

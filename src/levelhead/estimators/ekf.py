@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from levelhead.errors import UsageError
@@ -30,7 +30,9 @@ class EkfParams(FilterParams):
 class Ekf(EkfF64):
     """The error-state Kalman filter as a stream; used like `levelhead.Observer`.
 
-    Its states are position, velocity, attitude and both biases (all three axes), all with a sigma.
+    Its states are position, velocity, attitude and both biases (all three axes), all with a sigma. Like every filter
+    that linearises at its own estimates it grows too sure where nothing is to be learnt: parked, on a level straight,
+    on a circle. It therefore calls the level accelerometer biases settled only after turning.
 
     Parameters
     ----------
@@ -71,4 +73,9 @@ def estimate_ekf(
     """Run the Kalman filter over a whole log (see `levelhead.estimate`)."""
     stream = Ekf(params, initial=initial)
     trace = run(stream, data, progress, with_sigma=True)
-    return finish_filtered(data, trace, stream, method="ekf", params=params)
+    result = finish_filtered(data, trace, stream, method="ekf", params=params)
+    if Status.ACCEL_SETTLED in Status(int(trace.status[-1])):
+        return result
+    # Sigma alone would claim the level axes after hours on a straight; the status knows about turning as well.
+    x, y, z = (known and axis == stream.vertical_axis for axis, known in enumerate(result.known_accel))
+    return replace(result, known_accel=(x, y, z), settled_at_s={**result.settled_at_s, "accel": None})

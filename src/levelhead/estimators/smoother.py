@@ -10,7 +10,7 @@ from levelhead.estimators.base import Result, SensorData
 from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import Initial, Triple
 from levelhead.estimators.phasor import PhasorParams
-from levelhead.estimators.streaming import Progress, Trace, run
+from levelhead.estimators.streaming import Progress, run
 from levelhead.kernel._kernel import SmootherF64
 
 WIDER: Final = 5.0
@@ -27,37 +27,27 @@ def estimate_smoother(
     and the ground's, leave errors of second order in the first seconds. So the log is smoothed twice, the second time
     from the biases that the first has found for its beginning.
     """
-    start, half = initial or Initial(), 0.5
-    trace, smoother = _smoothed(data, params, start, None if progress is None else lambda part: progress(half * part))
-    level = [axis for axis in range(3) if axis != smoother.vertical_axis]
-    gyro_std = WIDER * float(trace.gyro_bias_std[0].max())
-    accel_std = WIDER * float(trace.accel_bias_std[0, level].max())
-    closer = params
-    # A sensor of which the log tells little keeps its prior: from what was found the log would tell that little twice.
-    if gyro_std < params.initial_gyro_bias_std:
-        closer = replace(closer, initial_gyro_bias_std=gyro_std)
-        start = replace(start, gyro_bias=_triple(trace.gyro_bias[0]))
-    if accel_std < params.initial_accel_bias_std:
-        closer = replace(closer, initial_accel_bias_std=accel_std)
-        start = replace(start, accel_bias=_triple(trace.accel_bias[0]))
+    start, closer, half = initial or Initial(), params, 0.5
+    first = _smoother(params, start)
+    trace = run(first, data, None if progress is None else lambda part: progress(half * part), with_sigma=True)
+    found = first.smoothed_start()
+    if found is not None:
+        gyro_bias, accel_bias, gyro_sigma, accel_sigma = found
+        level = [axis for axis in range(3) if axis != first.vertical_axis]
+        gyro_std, accel_std = WIDER * float(gyro_sigma.max()), WIDER * float(accel_sigma[level].max())
+        # A sensor of which the log tells little keeps its prior, or the log would tell that little twice.
+        if gyro_std < params.initial_gyro_bias_std:
+            closer = replace(closer, initial_gyro_bias_std=gyro_std)
+            start = replace(start, gyro_bias=_triple(gyro_bias))
+        if accel_std < params.initial_accel_bias_std:
+            closer = replace(closer, initial_accel_bias_std=accel_std)
+            start = replace(start, accel_bias=_triple(accel_bias))
+    smoother, on_the_way = first, trace.status
     if closer is not params:
-        trace, smoother = _smoothed(
-            data, closer, start, None if progress is None else lambda part: progress(half + half * part)
+        smoother = _smoother(closer, start)
+        trace = run(
+            smoother, data, None if progress is None else lambda part: progress(half + half * part), with_sigma=True
         )
-    return finish_filtered(data, trace, smoother, method="smoother", params=params)
-
-
-def _triple(row: FloatArray) -> Triple:
-    x, y, z = (float(value) for value in row)
-    return x, y, z
-
-
-def _smoothed(
-    data: SensorData, params: PhasorParams, start: Initial, progress: Progress | None
-) -> tuple[Trace, SmootherF64]:
-    """Run forwards and back once."""
-    smoother = SmootherF64(**params.kernel_arguments(), gyro_bias=start.gyro_bias, accel_bias=start.accel_bias)
-    trace = run(smoother, data, progress, with_sigma=True)
     smoother.retrace(
         data.time,
         data.gyro,
@@ -70,4 +60,15 @@ def _smoothed(
         trace.accel_bias_std,
         trace.attitude_std,
     )
-    return trace, smoother
+    # When a bias became known is a matter of the first pass: the second knew before it began.
+    trace = replace(trace, status=on_the_way)
+    return finish_filtered(data, trace, smoother, method="smoother", params=params)
+
+
+def _triple(row: FloatArray) -> Triple:
+    x, y, z = (float(value) for value in row)
+    return x, y, z
+
+
+def _smoother(params: PhasorParams, start: Initial) -> SmootherF64:
+    return SmootherF64(**params.kernel_arguments(), gyro_bias=start.gyro_bias, accel_bias=start.accel_bias)

@@ -223,12 +223,12 @@ void show(const Stream& s, const Outputs& out, size_t i) {
 }
 
 // Feed samples and epochs in time order, an epoch after the sample of the same stamp. Returns the epochs used up. `watch`
-// is called after whatever may have closed an interval.
-template <class Stream, class Watch>
+// is called after whatever may have closed an interval, `tell` after each sample with its epochs.
+template <class Stream, class Watch, class Tell>
 size_t run_watched(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
                    const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
                    RowsOut velocity_out, StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std,
-                   Watch watch) {
+                   Watch watch, Tell tell) {
     using S = typename Stream::S;
     const size_t n = time.shape(0), m = gnss_time.shape(0);
     if (gyro.shape(0) != n || accel.shape(0) != n || gyro_bias.shape(0) != n || accel_bias.shape(0) != n ||
@@ -256,7 +256,7 @@ size_t run_watched(Stream& s, const Vector& time, const Rows& gyro, const Rows& 
             watch();
             ++j;
         }
-        show(s, out, i);
+        tell(out, i);
     }
     return j;
 }
@@ -266,7 +266,7 @@ size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, c
            const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out, RowsOut velocity_out,
            StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
     return run_watched(s, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out, velocity_out,
-                       status, gyro_bias_std, accel_bias_std, attitude_std, [] {});
+                       status, gyro_bias_std, accel_bias_std, attitude_std, [] {}, [&s](const Outputs& out, size_t i) { show(s, out, i); });
 }
 
 template <class S>
@@ -338,7 +338,7 @@ size_t run_recorded(Stream& s, const Vector& time, const Rows& gyro, const Rows&
                     closed = s.closed;
                     put_epoch(out, s.gnss_time, s.interval);
                     out += epoch_columns;
-                });
+                }, [&s](const Outputs& shown, size_t i) { show(s, shown, i); });
     return size_t(out - epochs.data()) / epoch_columns;
 }
 

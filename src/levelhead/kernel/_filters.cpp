@@ -57,7 +57,21 @@ struct Smoother {
         stream.estimator.recorder = {&sink, &stream.advanced_to, {}};
     }
     Smoother(const Smoother&) = delete;
+
+    bool smoothed = false;
+    void smooth_once() {
+        if (!smoothed) smooth(sink.records.data(), long(sink.records.size()), stream.estimator.gravity_var);
+        smoothed = true;
+    }
 };
+
+// Biases at the first epoch and their sigmas, or None where nothing was ever aligned.
+nb::object smoothed_start(Smoother& s) {
+    if (s.sink.records.empty()) return nb::none();
+    s.smooth_once();
+    const SmootherRecord<double>& r = s.sink.records.front();
+    return nb::make_tuple(array3(r.gyro_bias), array3(r.accel_bias), array3(r.sigma.gyro_bias), array3(r.sigma.accel_bias));
+}
 
 void retrace(Smoother& s, const Vector& time, const Rows& gyro, const Rows& accel, RowsOut gyro_bias, RowsOut accel_bias,
              RowsOut attitude_out, RowsOut velocity_out, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
@@ -70,7 +84,7 @@ void retrace(Smoother& s, const Vector& time, const Rows& gyro, const Rows& acce
     const Readings<double> readings = {time.data(), gyro.data(), accel.data(), long(n)};
     nb::gil_scoped_release unlocked;
     auto& records = s.sink.records;
-    smooth(records.data(), long(records.size()), s.stream.estimator.gravity_var);
+    s.smooth_once();
     const Retracer<double> retracer = {records.data(), long(records.size()), readings, s.stream.params};
     retracer.run([&](long index, const Retraced<double>& r) {
         const size_t i = size_t(index);
@@ -116,9 +130,20 @@ void bind_smoother(nb::module_& m) {
         .def("run", [](Smoother& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
                        const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
                        RowsOut velocity_out, StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
-            return run(s.stream, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out,
-                       velocity_out, status, gyro_bias_std, accel_bias_std, attitude_std);
+            // What the filter knew on the way is not shown; where the way back does not come by, nothing is known.
+            return run_watched(s.stream, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out,
+                               velocity_out, status, gyro_bias_std, accel_bias_std, attitude_std, [] {},
+                               [&s](const Outputs& out, size_t i) {
+                                   const Vec3<double> unknown = {NAN, NAN, NAN};
+                                   put(out.gyro_bias, i, s.stream.estimator.gyro_bias);
+                                   put(out.accel_bias, i, s.stream.estimator.accel_bias);
+                                   out.status[i] = s.stream.status();
+                                   for (double* rows : {out.attitude, out.velocity}) put(rows, i, unknown);
+                                   if (out.gyro_bias_std)
+                                       for (double* rows : {out.gyro_bias_std, out.accel_bias_std, out.attitude_std}) put(rows, i, unknown);
+                               });
         })
+        .def("smoothed_start", &smoothed_start)
         .def("retrace", &retrace)
         .def_prop_ro("log_likelihood", &log_likelihood)
         .def_prop_ro("raw_events", [](const Smoother& s) { return events(s.stream); })

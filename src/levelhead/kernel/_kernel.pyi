@@ -233,6 +233,7 @@ class SmootherF64:
         attitude_std: FloatArray,
         /,
     ) -> int: ...
+    def smoothed_start(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None: ...
     def retrace(
         self,
         time: FloatArray,

@@ -6,9 +6,11 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from levelhead.atomic import atomic_path
 from levelhead.conventions import AXES, FloatArray, StatusArray
-from levelhead.errors import OutputError
+from levelhead.errors import OutputError, UsageError
 from levelhead.estimators.base import Result
 from levelhead.logs.writers import write_table
 from levelhead.report.html import render_report
@@ -59,16 +61,23 @@ def write_result(result: Result, path: Path) -> None:
 
 def write_summary(result: Result, path: Path) -> None:
     """Write `summary.json`."""
-    text = json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_json(result.summary(), path)
+
+
+def write_json(content: Mapping[str, object], path: Path) -> None:
+    """Write a JSON file for people and scripts: indented, without NaN."""
+    write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", path)
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a text file, UTF-8, whole or not at all."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def write_report(result: Result, path: Path, *, title: str, reference: Mapping[str, FloatArray] | None = None) -> None:
     """Write `report.html`; `reference` is the truth of a simulated drive."""
-    text = render_report(result, title=title, reference=reference)
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(render_report(result, title=title, reference=reference), path)
 
 
 def write_truth(truth: Truth, path: Path) -> None:
@@ -86,3 +95,37 @@ def write_truth(truth: Truth, path: Path) -> None:
     for name in columns:
         units.setdefault(name, next((unit for prefix, unit in prefixes.items() if name.startswith(prefix)), ""))
     write_table(columns, units, path)
+
+
+def read_truth(path: Path) -> Truth:
+    """Read a truth that `write_truth` wrote.
+
+    Raises
+    ------
+    UsageError
+        When the file does not exist or is not a truth.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path, use_threads=False)
+        columns = {name: np.asarray(table[name].to_numpy(), dtype=np.float64) for name in table.column_names}
+        rows = {
+            name: np.column_stack([columns[f"{prefix}_{axis}"] for axis in axes])
+            for name, prefix, axes in (
+                ("gyro_bias", "gyro_bias", AXES),
+                ("accel_bias", "accel_bias", AXES),
+                ("velocity_ned", "velocity", "ned"),
+                ("angular_rate", "angular_rate", AXES),
+                ("specific_force", "specific_force", AXES),
+            )
+        }
+        rows["position_llh"] = np.column_stack([columns[name] for name in ("latitude", "longitude", "height")])
+        return Truth(**rows, **{name: columns[name] for name in ("time", "roll", "pitch", "heading")})
+    except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:
+        reason = f"it has no column {error}" if isinstance(error, KeyError) else str(error).splitlines()[0].rstrip(".")
+        raise UsageError(
+            f"{path} cannot be read as the truth of a simulated drive ({reason}); `levelhead simulate` writes one "
+            "beside its log."
+        ) from None

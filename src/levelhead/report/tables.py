@@ -149,7 +149,12 @@ def verdict(result: Result) -> str:
 
 def banner(result: Result) -> str:
     """Return the banner of a log that was read only in part, or an empty string; HTML."""
-    completeness = str(result.log_info.get("completeness", "complete"))
+    return log_banner(result.log_info)
+
+
+def log_banner(info: Mapping[str, object]) -> str:
+    """Return the banner of a log that was read only in part, from what is known about it; HTML."""
+    completeness = str(info.get("completeness", "complete"))
     if completeness == "complete":
         return ""
     fallback = f"The log is not complete ({completeness}). The results rest on the part that could be read."
@@ -158,12 +163,16 @@ def banner(result: Result) -> str:
 
 
 def facts(result: Result, version: str) -> str:
-    """Return the list of what is known about the log; HTML."""
-    info = result.log_info
-    duration = info.get("duration_s", float(result.time[-1] - result.time[0]))
-    entries = (
-        ("Method", escape(result.method)),
-        ("Duration", span(duration)),
+    """Return the list of what is known about the log and the method; HTML."""
+    duration = float(result.time[-1] - result.time[0])
+    return log_facts({"duration_s": duration, **result.log_info}, version, first=("Method", result.method))
+
+
+def log_facts(info: Mapping[str, object], version: str, *, first: tuple[str, str]) -> str:
+    """Return the list of what is known about a log, headed by a name and a text; HTML."""
+    return fact_list(
+        (first[0], escape(first[1])),
+        ("Duration", span(info.get("duration_s"))),
         ("Distance", distance(info.get("distance_m"))),
         ("IMU", number(info.get("imu_rate_hz"), 1, "Hz")),
         ("GNSS", number(info.get("gnss_rate_hz"), 1, "Hz")),
@@ -171,6 +180,10 @@ def facts(result: Result, version: str) -> str:
         ("Log", escape(str(info.get("completeness", ABSENT)).replace("_", " "))),
         ("levelhead", escape(version)),
     )
+
+
+def fact_list(*entries: tuple[str, str]) -> str:
+    """Return names with their values, both HTML, as the head of a page."""
     return "\n".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in entries)
 
 

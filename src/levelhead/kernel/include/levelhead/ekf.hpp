@@ -1,6 +1,8 @@
 // The textbook baseline: an error-state Kalman filter with 15 states (position, velocity, attitude, both biases), strapdown
 // and covariance at the IMU's rate, GNSS velocity and course as scalar updates. Here to be compared with, so written as
-// textbooks do: dense matrices in plain fixed-size loops; that most of F is zero is not made use of.
+// textbooks do: dense matrices in plain fixed-size loops; that most of F is zero is not made use of. It has the textbook's
+// weakness too: where nothing separates accelerometer bias from tilt (parked, a level straight, a circle) it relinearises at
+// estimates that noise moves about, and its sigma shrinks although nothing is learnt.
 #ifndef LEVELHEAD_EKF_HPP
 #define LEVELHEAD_EKF_HPP
 
@@ -155,7 +157,7 @@ struct Ekf {
         if (e.aligned_now) {
             begin_covariance(k, e, fix);
         } else if (e.was_aligned) {
-            turning = minimum(turning + platform.turn * platform.turn * e.rate, S(1e3));
+            if (!e.at_rest) turning = minimum(turning + platform.turn * platform.turn * e.rate, S(1e3));
             if (e.turned_now) set_heading(e, fix, wrap_angle(heading(platform.dcm_body_to_ned) - heading_before));
             // Accelerations that are seen from an unknown heading teach nothing about the tilt, unless there are none.
             if (e.knew_heading || (e.at_rest && !e.turned_now)) {

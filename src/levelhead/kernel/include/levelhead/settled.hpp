@@ -10,8 +10,8 @@ namespace levelhead {
 constexpr double settled_gyro_std = 0.01 * pi / 180.0;  // rad/s
 constexpr double settled_accel_std = 0.02;              // m/s^2
 constexpr double settled_heading_std = pi / 180.0;      // rad
-// The squared yaw rate summed over time that counts as turning: a headland turn or two, half a minute of a circle, rad^2/s.
-constexpr double enough_turning = 1.0;
+// The squared yaw rate summed over time that counts as turning: a headland turn, a quarter of a minute of a circle, rad^2/s.
+constexpr double enough_turning = 0.5;
 
 // Sigmas of the two level gyro axes (the larger), the two level accelerometer axes, the vertical gyro, and the heading.
 template <class S>
