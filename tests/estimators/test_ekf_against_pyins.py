@@ -16,7 +16,8 @@ import pytest
 import levelhead as lh
 from levelhead.conventions import GRAVITY, FloatArray
 
-pytestmark = pytest.mark.slow
+# What pandas thinks of its use inside pyins is not ours to mend.
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
 # Where normal gravity on the ellipsoid is the simulation's 9.80665 m/s^2.
 ORIGIN = (math.radians(45.4969), math.radians(10.0), 0.0)
