@@ -163,8 +163,9 @@ def test_start_up_knows_how_wrong_it_is(accel_std: float) -> None:
         p = stream.covariance[3:, 3:]
         total.append(float(error @ np.linalg.solve(p, error)))
         # Tilt about North with velocity to the East, and crosswise: the noise of one fix is in both.
-        for tilt, speed in ((3, 1), (4, 0)):
-            together.append((error[tilt] * error[speed] - p[tilt, speed]) / math.sqrt(p[tilt, tilt] * p[speed, speed]))
+        for tilt, speed, sign in ((3, 1, 1.0), (4, 0, -1.0)):
+            unforeseen = sign * (error[tilt] * error[speed] - p[tilt, speed])
+            together.append(unforeseen / math.sqrt(p[tilt, tilt] * p[speed, speed]))
     # Twelve degrees of freedom, 150 runs: the mean is 12 with a sigma of sqrt(2 * 12 / 150) = 0.4; three of them.
     assert abs(np.mean(total) - 12.0) < 1.2
     # A correlation from 300 pairs has a sigma of 0.06; three of them. It is 0.5 where the accelerometers are known.
