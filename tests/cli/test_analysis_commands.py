@@ -86,7 +86,8 @@ def test_a_method_that_fails_is_said_and_the_others_are_shown(
 def test_validate_gives_the_added_biases_back(drive: Path, tmp_path: Path) -> None:
     settings = tmp_path / "my.toml"
     settings.write_text("tau_gyro = 41.0\n")
-    done = levelhead("validate", drive, "-o", tmp_path / "out", "--params", settings, "--lever-arm", "0.1,0,0")
+    options = ("--method", "observer", "--params", settings, "--lever-arm", "0.1,0,0")
+    done = levelhead("validate", drive, "-o", tmp_path / "out", *options)
     assert done.returncode == 0, done.stderr
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["validation.html", "validation.json"]
     content = json.loads((tmp_path / "out" / "validation.json").read_text())

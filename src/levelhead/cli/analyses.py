@@ -24,7 +24,7 @@ DEG = math.degrees(1.0)
 def show_comparison(comparison: Comparison) -> None:
     """Print one column per method: biases with their sigma, when they settled, how far off roll and pitch are."""
     results = comparison.results
-    table = _table("", *[entry.method for entry in comparison.entries])
+    table = plain_table("", *[entry.method for entry in comparison.entries])
     for sensor, unit, scale, digits in (("gyro", "deg/s", DEG, 4), ("accel", "m/s²", 1.0, 3)):
         for axis, name in enumerate(AXES):
             if any(math.isfinite(getattr(r, f"{sensor}_bias")[-1, axis]) for r in results.values()):
@@ -46,7 +46,7 @@ def show_comparison(comparison: Comparison) -> None:
     )
 
 
-def _table(*headings: str) -> Table:
+def plain_table(*headings: str) -> Table:
     """Return an empty table, narrow enough for six methods in 80 columns."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -87,7 +87,7 @@ def _angle(entry: Entry, comparison: Comparison, axis: int) -> str:
 def show_monte_carlo(found: MonteCarlo) -> None:
     """Print one column per method: RMS errors, settling times, and how honest its sigma is."""
     figures = {method: found.figures(method) for method in found.trials}
-    table = _table("", *figures)
+    table = plain_table("", *figures)
     for k, (name, (_, unit, scale)) in enumerate(QUANTITIES.items()):
         if any(math.isfinite(f.rms[k]) for f in figures.values()):
             table.add_row(f"{name}, {unit}", *[_error(f, k, scale) for f in figures.values()])
@@ -139,7 +139,7 @@ def _coverage(figures: Figures, k: int) -> str:
 def show_validation(validation: Validation, changes: Sensitivity) -> None:
     """Print one row per case, then one per changed constant: the largest error or change over the axes."""
     console = terminal()
-    table = _table("added", "gyro, deg/s", "accel, m/s²", "three sigma")
+    table = plain_table("added", "gyro, deg/s", "accel, m/s²", "three sigma")
     for recovery in validation.recoveries:
         within = recovery.within_3_sigma
         judged = ABSENT if within is None else "within" if within else "BEYOND"
@@ -157,7 +157,7 @@ def show_validation(validation: Validation, changes: Sensitivity) -> None:
         f"{number(mean[1], 4)} m/s².",
         markup=False,
     )
-    table = _table("constant", "change", "gyro, deg/s", "accel, m/s²", "tilt RMS, deg")
+    table = plain_table("constant", "change", "gyro, deg/s", "accel, m/s²", "tilt RMS, deg")
     for change in changes.changes:
         cells = [number(largest(change.gyro) * DEG, 4), number(largest(change.accel), 4)]
         cells += [number(largest(change.tilt) * DEG, 3)]

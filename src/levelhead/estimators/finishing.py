@@ -39,10 +39,14 @@ def finish_filtered(
     """Turn a run of a filter with a covariance into a `Result`: what is known in the end is what its sigma says."""
     known_gyro = _known(trace.gyro_bias_std[-1], KNOWN_GYRO_STD, params.initial_gyro_bias_std)
     known_accel = _known(trace.accel_bias_std[-1], KNOWN_ACCEL_STD, params.initial_accel_bias_std)
+    vertical = stream.vertical_axis
+    if Status.ACCEL_SETTLED not in Status(int(trace.status[-1])):
+        # A small sigma without a turn rests on second-order effects of rolling ground; only the vertical is plain.
+        x, y, z = (k and axis == vertical for axis, k in enumerate(known_accel))
+        known_accel = (x, y, z)
     backwards = mostly_backwards(trace.status)
     if backwards:
         known_gyro = known_accel = (False, False, False)
-    vertical = stream.vertical_axis
     settled = {
         name: first_settled(data.time, trace.status, flag) if any(np.delete(known, vertical)) else None
         for name, known, flag in (

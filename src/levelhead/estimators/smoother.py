@@ -42,7 +42,7 @@ def estimate_smoother(
         if accel_std < params.initial_accel_bias_std:
             closer = replace(closer, initial_accel_bias_std=accel_std)
             start = replace(start, accel_bias=_triple(accel_bias))
-    smoother = first
+    smoother, on_the_way = first, trace.status
     if closer is not params:
         smoother = _smoother(closer, start)
         trace = run(
@@ -60,6 +60,8 @@ def estimate_smoother(
         trace.accel_bias_std,
         trace.attitude_std,
     )
+    # When a bias became known is a matter of the first pass: the second knew before it began.
+    trace = replace(trace, status=on_the_way)
     return finish_filtered(data, trace, smoother, method="smoother", params=params)
 
 

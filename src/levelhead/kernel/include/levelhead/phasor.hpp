@@ -23,7 +23,8 @@ struct PhasorParams {
     S gravity_std;                 // shown in the sigma of the vertical accelerometer bias only, m/s^2
 };
 
-constexpr double longest_step = 1.0;           // the covariance moves at least this often, s ...
+// A little below one second, so that float and double agree on when a second of samples is over.
+constexpr double longest_step = 0.999;         // the covariance moves at least this often, s ...
 constexpr double largest_turn = 0.35;          // ... and at least once per such a turn: within it the rate counts as even, rad
 // An unknown heading has no variance; this one is large enough that the first course says nothing about the gyro bias, however
 // long the vehicle has stood before, rad^2.

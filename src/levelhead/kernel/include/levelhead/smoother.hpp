@@ -166,11 +166,12 @@ S smoothed_variance(const PhasorCovariance<S>& p, const PhasorCovariance<S>& m, 
     return maximum(own - inner(column, times(m, column)).re, S(0));
 }
 
+// Likewise for a pair. `left` is multiplied, not subtracted later: the first course leaves a millionth of a millionth.
 template <class S>
 void unmeasure(PairCovariance<S>& m, const PairGain<S>& k, S variance) {
-    const S mx = m.xx * k.x + m.xb * k.b, mb = m.xb * k.x + m.bb * k.b;
-    m.xx = m.xx - S(2) * mx + k.x * mx + k.b * mb + S(1) / variance;
-    m.xb = m.xb - mb;
+    const S left = S(1) - k.x;
+    m.xx = left * left * m.xx - S(2) * left * k.b * m.xb + k.b * k.b * m.bb + S(1) / variance;
+    m.xb = left * m.xb - k.b * m.bb;
 }
 
 template <class S>
