@@ -123,6 +123,20 @@ def test_methods_and_parameters_are_chosen_by_the_user(drive: Path, tmp_path: Pa
     assert params["tau_gyro_lowpass"] == 40.0
 
 
+def test_what_is_open_by_default_may_be_set_in_a_file(drive: Path, tmp_path: Path) -> None:
+    settings = tmp_path / "my.toml"
+    settings.write_text("[ekf]\nlatitude_deg = 52.5\n")
+    done = levelhead("estimate", drive, "-o", tmp_path / "out", "--method", "ekf", "--params", settings)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["params"]["latitude"] == pytest.approx(np.radians(52.5))
+    assert all(sigma > 0.0 for sigma in summary["gyro_bias_std_deg_s"] if sigma is not None)
+    settings.write_text("[ekf]\nlatitude = 'north'\n")
+    done = levelhead("estimate", drive, "-o", tmp_path / "out", "--method", "ekf", "--params", settings)
+    assert done.returncode == 2
+    assert "latitude" in done.stderr
+
+
 def test_several_logs_get_a_folder_each(drive: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
     assert levelhead("convert", drive, "-o", other).returncode == 0

@@ -16,7 +16,8 @@ import pytest
 import levelhead as lh
 from levelhead.conventions import GRAVITY, FloatArray
 
-pytestmark = pytest.mark.slow
+# What pandas thinks of its use inside pyins is not ours to mend.
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
 # Where normal gravity on the ellipsoid is the simulation's 9.80665 m/s^2.
 ORIGIN = (math.radians(45.4969), math.radians(10.0), 0.0)
@@ -115,4 +116,4 @@ def test_as_accurate_as_pyins(scenario: str) -> None:
         # Two right implementations of one filter differ by their order of integration only; a tenth is allowed.
         assert rms(our_error) <= 1.1 * rms(their_error), name
         # And they agree with each other far better than with the truth.
-        assert rms(our_error - their_error) <= 0.5 * rms(their_error), name
+        assert rms(our_error - their_error) <= 0.2 * rms(their_error), name

@@ -46,9 +46,10 @@ def test_an_accelerometer_bias_stays_in_the_tilt() -> None:
     roll, pitch = np.degrees([0.2 / GRAVITY, 0.11 / GRAVITY])
     assert float(np.mean(np.degrees(result.roll - truth.roll)[late])) == pytest.approx(-roll, abs=0.05)
     assert float(np.mean(np.degrees(result.pitch - truth.pitch)[late])) == pytest.approx(pitch, abs=0.05)
-    # On a straight this does not disturb the gyro biases: three sigma of 0.003 deg/s.
+    # On a straight this does not disturb the gyro biases, of which the course teaches the vertical one: three sigma of
+    # 0.004 deg/s.
     error = np.degrees(np.abs(result.gyro_bias - truth.gyro_bias)[-1])
-    assert error[:2].max() < 0.01
+    assert error.max() < 0.012
     assert result.known_gyro == (True, True, True)
 
 

@@ -15,7 +15,7 @@ from levelhead.estimators.ekf import Ekf, EkfParams
 from levelhead.estimators.params import Initial
 from levelhead.estimators.streaming import run
 from levelhead.kernel._kernel import EkfF32, EkfF64
-from levelhead.kernel.reference import heading_of, nearest_rotation, rotation, skew, wrapped
+from levelhead.kernel.reference import euler_of, heading_of, nearest_rotation, rotation, skew, wrapped
 from levelhead.logs.log import Log
 from levelhead.sim import SensorModel, Truth, simulate
 
@@ -136,32 +136,88 @@ def test_a_numpy_filter_from_the_textbook_agrees() -> None:
     assert np.abs(difference[3:, 3:]).max() < 1e-5
 
 
-@pytest.mark.parametrize("earth_rotation", [False, True])
-def test_start_up_knows_how_wrong_it_is(earth_rotation: bool) -> None:
-    # Two seconds of driving with biases drawn from the prior, many times: right after levelling the errors of velocity,
+@pytest.mark.parametrize("accel_std", [0.1, 0.01])
+def test_start_up_knows_how_wrong_it_is(accel_std: float) -> None:
+    # A second of driving with biases drawn from the prior, many times: right after levelling the errors of velocity,
     # tilt, heading and biases, weighed with the inverse of the filter's own covariance, must add up to their number.
-    # Without the ties between tilt and biases they would add up to hundreds.
+    # Without the tie between tilt and accelerometer bias they would add up to hundreds; where that bias is known, the
+    # ties to the gyro bias and to the velocity count. (From 0.3 m/s^2 on the squares of such tilts show as well.)
     rng = np.random.default_rng(1)
-    params = replace(TRUE_NOISE, latitude=LATITUDE if earth_rotation else None)
-    total = []
-    for seed in range(60):
+    params = replace(TRUE_NOISE, latitude=LATITUDE, initial_accel_bias_std=accel_std)
+    total, together = [], []
+    for seed in range(150):
         gyro = tuple(rng.normal(0.0, params.initial_gyro_bias_std, 3))
         accel = tuple(rng.normal(0.0, params.initial_accel_bias_std, 3))
         log, truth = simulate(
             "windrower",
             seed=seed,
-            duration=1.2,
+            duration=1.01,
             sensors=SensorModel(gyro_bias=gyro, accel_bias=accel),
-            earth_rotation=earth_rotation,
+            earth_rotation=True,
             origin_llh=ORIGIN,
         )
         stream = Ekf(params)
         run(stream, log)
         assert not stream.status & (Status.INITIALIZING | Status.ALIGNING)
         error = errors(stream, truth)
+        p = stream.covariance[3:, 3:]
+        total.append(float(error @ np.linalg.solve(p, error)))
+        # Tilt about North with velocity to the East, and crosswise: the noise of one fix is in both.
+        for tilt, speed, sign in ((3, 1, 1.0), (4, 0, -1.0)):
+            unforeseen = sign * (error[tilt] * error[speed] - p[tilt, speed])
+            together.append(unforeseen / math.sqrt(p[tilt, tilt] * p[speed, speed]))
+    # Twelve degrees of freedom, 150 runs: the mean is 12 with a sigma of sqrt(2 * 12 / 150) = 0.4; three of them.
+    assert abs(np.mean(total) - 12.0) < 1.2
+    # A correlation from 300 pairs has a sigma of 0.06; three of them. It is 0.5 where the accelerometers are known.
+    assert abs(np.mean(together)) < 0.18
+
+
+def test_the_first_course_turns_what_is_known() -> None:
+    # From a standstill into any direction: the tilt errors, and their ties to the biases, were known in a frame whose
+    # "North" was where the vehicle pointed. Meanwhile the vehicle speeds up unseen, which must not pass for tilt.
+    rng = np.random.default_rng(2)
+    params = replace(TRUE_NOISE, latitude=LATITUDE, initial_accel_bias_std=0.1, initial_gyro_bias_std=0.002)
+    total = []
+    for seed in range(100):
+        gyro, accel = tuple(rng.normal(0.0, 0.002, 3)), tuple(rng.normal(0.0, 0.1, 3))
+        log, truth = simulate(
+            "field",
+            seed=seed,
+            duration=9.0,
+            standstill_s=3.0,
+            sensors=SensorModel(gyro_bias=gyro, accel_bias=accel),
+            earth_rotation=True,
+            origin_llh=ORIGIN,
+        )
+        stream = Ekf(params)
+        run(stream, log)
+        assert not stream.status & Status.ALIGNING
+        error = errors(stream, truth)
         total.append(float(error @ np.linalg.solve(stream.covariance[3:, 3:], error)))
-    # Twelve degrees of freedom, 60 runs: the mean is 12 with a sigma of sqrt(2 * 12 / 60) = 0.63; four of them.
-    assert abs(np.mean(total) - 12.0) < 2.5
+    # Twelve degrees of freedom, 100 runs: 12 with a sigma of 0.5; three of them.
+    assert abs(np.mean(total) - 12.0) < 1.5
+
+
+def test_the_sigma_of_roll_pitch_and_heading_of_a_slanted_imu() -> None:
+    sensors = SensorModel(mounting_pitch=0.9, mounting_yaw=0.4)
+    log, _ = simulate("windrower", seed=1, duration=8.0, sensors=sensors)
+    stream = Ekf(TRUE_NOISE)
+    run(stream, log)
+    small, here = 1e-6, euler_of(stream.dcm_body_to_ned)
+    rows = [(euler_of(rotation(small * axis) @ stream.dcm_body_to_ned) - here) / small for axis in np.eye(3)]
+    expected = np.sqrt(np.diag(np.array(rows).T @ stream.covariance[ATTITUDE, ATTITUDE] @ np.array(rows)))
+    # Differences over 1e-6 rad are good to 1e-6.
+    np.testing.assert_allclose(stream.sigma[2], expected, rtol=1e-4)
+    assert abs(expected[0] / expected[1] - 1.0) > 0.01  # or roll could pass for pitch
+
+
+def test_without_north_the_earth_s_rate_stays_in_the_level_gyro_biases() -> None:
+    log, _ = simulate("field", seed=1, duration=20.0, standstill_s=20.0, earth_rotation=True, origin_llh=ORIGIN)
+    floor = 7.292115e-5 * math.cos(LATITUDE) / math.sqrt(2.0)
+    for latitude, expected in ((LATITUDE, math.hypot(1e-7, floor)), (None, 1e-7)):
+        stream = Ekf(replace(TRUE_NOISE, latitude=latitude, initial_gyro_bias_std=1e-7, gyro_bias_walk=1e-12))
+        run(stream, log)
+        np.testing.assert_allclose(stream.sigma[0], expected, rtol=1e-3)
 
 
 def errors(stream: EkfF64, truth: Truth) -> FloatArray:

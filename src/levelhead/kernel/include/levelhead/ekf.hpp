@@ -342,6 +342,11 @@ struct Ekf {
         S h[3][ekf_states] = {}, error[ekf_states] = {}, z[3], std[3];
         set3(z, v - e.velocity);
         set3(std, fix.std);
+        if (!e.knew_heading) {
+            // At rest, or creeping off: what is more than noise has a direction that nobody knows, in both velocities.
+            const S noise = horizontal_std(fix.std), astray = S(2) * maximum(e.speed2 - S(4) * noise * noise, S(0));
+            for (int i = 0; i < 2; ++i) std[i] = square_root(std[i] * std[i] + astray);
+        }
         add_skew(h, 0, ekf_attitude, swing, S(-1));
         set3(h[0] + ekf_gyro_bias, cross(c.x, arm));
         set3(h[1] + ekf_gyro_bias, cross(c.y, arm));
