@@ -2,8 +2,8 @@
 
 Half an hour on the field and along swaths with the true noise parameters. The phasor filter against the 15-state Kalman
 filter on the same logs (RMS after 600 s, settling); the smoother over the whole log, first second included; what five
-times wrong noise parameters cost. Two kinds of vehicle: vibration as white noise of 0.1 m/s^2 (the default sensors), and
-as an engine in a band of 12-40 Hz with the Earth turning and a vertical bias of 0.05 m/s^2.
+times wrong noise parameters cost. Two kinds of vehicle: vibration as white noise of 0.1 m/s^2 (the default sensors),
+and as an engine in a band of 12-40 Hz with the Earth turning and a vertical bias of 0.05 m/s^2.
 """
 
 from __future__ import annotations

@@ -6,11 +6,11 @@ import math
 from dataclasses import replace
 from typing import TypeVar
 
-from levelhead.errors import UsageError
+from levelhead.analysis.noise import density
+from levelhead.errors import LogError, UsageError
 from levelhead.estimators import METHODS, Method
-from levelhead.estimators.base import Result, SensorData
-from levelhead.estimators.likelihood import fit_noise
-from levelhead.estimators.params import FilterParams, Initial, MethodParams, NoiseParams, Triple
+from levelhead.estimators.base import Result
+from levelhead.estimators.params import NOISE_PRESETS, FilterParams, Initial, MethodParams, NoiseParams, Triple
 from levelhead.estimators.place import at_place
 from levelhead.estimators.streaming import Progress
 from levelhead.events import Event, merge_events
@@ -43,7 +43,8 @@ def estimate(
         (Tereshkov 2015), "two-stage" (Tereshkov 2013)...; the keys of `levelhead.estimators.METHODS`. Where absent,
         the first of these that takes `params`: the smoother without any.
     params : PhasorParams, ObserverParams..., optional
-        The method's constants. Where absent, defaults; and a filter's sensor noise is found from the log.
+        The method's constants. Where absent, defaults; and a filter takes more sensor noise where the
+        readings show more.
     initial : Initial, optional
         Biases to start from.
     lever_arm : (3,), optional
@@ -98,8 +99,8 @@ def constants_for(
     Parameters
     ----------
     log : Log
-        A log with velocities: its positions tell latitude and gravity, and where `params` is absent its readings tell a
-        filter's sensor noise.
+        A log with velocities: its positions tell latitude and gravity, and where `params` is absent its readings tell
+        whether a filter must reckon with more noise than by default.
     method, params, lever_arm
         As for `estimate`.
     """
@@ -118,8 +119,23 @@ def constants_for(
     return noise_of(log, constants) if params is None else (constants, ())
 
 
-def noise_of(data: SensorData, params: N) -> tuple[N, tuple[Event, ...]]:
-    """Return the parameters with the sensor noise found from the log, and the event that says so."""
-    gyro, accel = fit_noise(data, params)
+def noise_of(log: Log, params: N) -> tuple[N, tuple[Event, ...]]:
+    """Return the parameters with the noise in this log's readings, and the event that says so.
+
+    The readings can only raise the noise: slips, delays and gravity that is not quite known are part of every drive and
+    do not show in them, and a filter that believes too much is worse than one that believes too little. Gyros noisier
+    than the consumer grade get its drifting biases too. A log too short to tell (half a minute) changes nothing.
+    """
+    try:
+        gyro, accel = density(log.time, log.gyro), density(log.time, log.accel)
+    except LogError:
+        return params, ()
+    consumer = NOISE_PRESETS["consumer"]
+    found = {"gyro_noise": gyro, "accel_noise": accel}
+    if gyro > consumer["gyro_noise"]:
+        found |= {name: consumer[name] for name in ("gyro_bias_walk", "accel_bias_walk")}
+    raised = {name: value for name, value in found.items() if value > getattr(params, name)}
+    if not raised:
+        return params, ()
     detail = f"gyro {math.degrees(gyro):.2g} deg/s/sqrt(Hz), accelerometer {accel:.2g} m/s^2/sqrt(Hz)."
-    return replace(params, gyro_noise=gyro, accel_noise=accel), (Event(code="I_NOISE_FOUND", count=1, detail=detail),)
+    return replace(params, **raised), (Event(code="I_NOISE_FOUND", count=1, detail=detail),)

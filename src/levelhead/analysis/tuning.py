@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from levelhead.analysis.noise import density
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators.observer import Observer, ObserverParams, predict_observer
@@ -39,13 +40,6 @@ LONGEST_BIAS: Final = 600.0
 """Nor a bias time constant longer than this, s."""
 EPOCHS_USED: Final = 36_000
 """Epochs of a longer log that are left out: an hour at 10 Hz holds all kinds of turns that a drive has."""
-BLOCKS: Final = (0.02, 0.05, 0.1)
-"""Sensor noise is measured on means over these times, s. White noise has one density in all of them; a car's springs
-add to the longest, an engine to the shortest, so the least is nearest. Shorter ones meet the sensor's own filter."""
-WINDOW: Final = 300
-"""Blocks over which one value of the noise is taken; the median over the drive counts."""
-FOURTH: Final = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-"""Fourth difference: leaves 1 % of a motion of 0.5 Hz between means over 0.1 s, and 70 times the variance of noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,37 +319,10 @@ def measure_noise(log: Log) -> NoiseParams:
 def _measured(log: Log, epochs: Epochs) -> NoiseParams:
     return replace(
         NoiseParams(),
-        gyro_noise=min(_density(log.time, log.gyro, block) for block in BLOCKS),
-        accel_noise=min(_density(log.time, log.accel, block) for block in BLOCKS),
+        gyro_noise=density(log.time, log.gyro),
+        accel_noise=density(log.time, log.accel),
         velocity_std=_velocity_noise(epochs),
     )
-
-
-def _density(time: FloatArray, readings: FloatArray, block: float) -> float:
-    """Return the one-sided noise density of the quietest axis in means over a block (s)."""
-    interval = float(np.median(np.diff(time)))
-    samples = max(1, round(block / interval))
-    blocks = time.size // samples
-    whole = readings[: blocks * samples].reshape(blocks, samples, -1)
-    finite = np.isfinite(whole).all(axis=(1, 2))
-    # A block that spans a gap in time is no mean over it.
-    stamps = time[: blocks * samples].reshape(blocks, samples)
-    steady = finite & (np.abs(np.ptp(stamps, axis=1) - (samples - 1) * interval) < 0.5 * interval)
-    means = np.where(steady[:, None], whole.mean(axis=1), np.nan)
-    differences = sum(w * means[i : blocks - 4 + i] for i, w in enumerate(FOURTH))
-    square = np.asarray(differences) ** 2 / float(FOURTH @ FOURTH)
-    windows = [w[np.isfinite(w).all(axis=1)].mean(axis=0) for w in _windows(square)]
-    if not windows:
-        raise LogError("The log is too short to measure its noise: it needs half a minute of readings without a gap.")
-    variance = float(np.median(windows, axis=0).min())
-    # White noise of density d has the variance d^2 / (2 time) after averaging over a time.
-    return math.sqrt(2.0 * samples * interval * variance)
-
-
-def _windows(rows: FloatArray) -> list[FloatArray]:
-    """Cut rows into windows of `WINDOW`, and leave out those that are mostly absent."""
-    cuts = [rows[i : i + WINDOW] for i in range(0, rows.shape[0] - WINDOW + 1, WINDOW)]
-    return [w for w in cuts if np.isfinite(w).all(axis=1).mean() > 0.5]
 
 
 def _velocity_noise(epochs: Epochs) -> float:

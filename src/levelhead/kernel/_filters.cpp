@@ -99,18 +99,6 @@ void retrace(Smoother& s, const Vector& time, const Rows& gyro, const Rows& acce
     });
 }
 
-// Of the horizontal velocity innovations, per epoch: how well the noise parameters explain what the filter did not foresee.
-double log_likelihood(const Smoother& s) {
-    double sum = 0.0;
-    size_t count = 0;
-    for (const auto& r : s.sink.records) {
-        if (!(r.variance > 0.0)) continue;
-        sum -= log(r.variance) + 0.5 * norm2(r.error) / r.variance;
-        count += 1;
-    }
-    return count > 0 ? sum / double(count) : NAN;
-}
-
 void bind_smoother(nb::module_& m) {
     nb::class_<Smoother>(m, "SmootherF64")
         .def(
@@ -145,7 +133,6 @@ void bind_smoother(nb::module_& m) {
         })
         .def("smoothed_start", &smoothed_start)
         .def("retrace", &retrace)
-        .def_prop_ro("log_likelihood", &log_likelihood)
         .def_prop_ro("raw_events", [](const Smoother& s) { return events(s.stream); })
         .def_prop_ro("vertical_axis", [](const Smoother& s) { return vertical_axis(s.stream); })
         .def_prop_ro("innovation_ratio", [](const Smoother& s) { return sqrt(double(s.stream.estimator.surprise)); });
