@@ -42,6 +42,8 @@ PARAMETERS: Final[dict[str, tuple[str, str, str]]] = {
     "gravity": ("gravity", "m/s²", "length of the gravity vector"),
     "lever_arm": ("lever arm", "m", "from the IMU to the antenna: forward, right, down"),
     "gain": ("gain", "", "general: by the vertical angular rate; paper: by the body's z rate, Eq. (12)"),
+    "sideslip_std": ("sideslip", "rad", "one sigma between course and heading, for seconds at a time"),
+    "axle_std": ("axle", "m", "one sigma of the distance from the IMU to the axle that does not steer"),
     "gyro_noise": ("gyro noise", "rad/s/√Hz", "noise density of the gyros, one-sided"),
     "accel_noise": ("accel noise", "m/s²/√Hz", "noise density of the accelerometers with the vibration, one-sided"),
     "gyro_bias_walk": ("gyro bias walk", "rad/s/√s", "random walk of the gyro biases"),
@@ -144,7 +146,28 @@ def verdict(result: Result) -> str:
             parts.append(f"Of the {name} biases only {' and '.join(known)} {'is' if len(known) == 1 else 'are'} known")
         else:
             parts.append(f"The {name} biases are unknown")
-    return ". ".join(parts) + "."
+    return " ".join(f"{part}." for part in (*parts, *advice(result)))
+
+
+def advice(result: Result) -> tuple[str, ...]:
+    """Say what to drive so that the next log tells what this one did not."""
+    last = Status(int(result.status[-1]))
+    level = [i for i in range(3) if math.isfinite(float(result.accel_bias[-1, i]))][:2]
+    if all(result.known_accel[i] for i in level) or not level:
+        return ()
+    if Status.ACCEL_UNOBSERVABLE in last:
+        return (
+            "Turn left and right, a headland turn or two each way: on a straight line an accelerometer bias looks "
+            "like tilt",
+        )
+    if Status.UNSEPARATED in last:
+        return (
+            "Change the rate and the direction of the turns: in a steady circle a gyro bias makes up for an "
+            "accelerometer bias",
+        )
+    if (Status.INITIALIZING | Status.ALIGNING) & last:
+        return ("Drive forward faster than 1 m/s: the heading comes from the course",)
+    return ()
 
 
 def banner(result: Result) -> str:
