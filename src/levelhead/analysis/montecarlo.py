@@ -244,6 +244,7 @@ def _in_parallel(tasks: Sequence[Task], workers: int, progress: Progress | None)
     """
     # Fresh ("spawn") processes: a fork would copy locks that other threads, such as Arrow's, may hold.
     context = multiprocessing.get_context("spawn")
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, mp_context=context)
     try:
         with _interrupts_held():
@@ -258,6 +259,11 @@ def _in_parallel(tasks: Sequence[Task], workers: int, progress: Progress | None)
             "A worker process of the Monte Carlo runs ended before its work was done. In a script, put the call under "
             '`if __name__ == "__main__":`; where memory is short, pass fewer workers, or workers=1 to use none.'
         ) from None
+    except KeyboardInterrupt:
+        # Nobody waits for the drives under way, however busy the machine is.
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
