@@ -14,10 +14,12 @@ import sys
 import tempfile
 import timeit
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
 import levelhead as lh
+from levelhead.estimators import METHODS
 
 HERE = Path(__file__).parent
 # The flags of the extension module in CMakeLists.txt.
@@ -119,6 +121,24 @@ def streaming_table() -> None:
     print(f"{'update_imu + update_gnss':44s}{timeit.timeit(pair, number=number) / number * 1e6:14.2f}")
 
 
+def batch_table() -> None:
+    """Print the time of each method over half an hour in memory, with its constants given, and over the observer's."""
+    log, _ = lh.simulate("field", seed=1, duration=1800.0)
+    print("\nlh.estimate, 30 min at 100 Hz / 10 Hz in memory, constants given; median of 9 rounds in turn")
+    names = list(METHODS)
+    noise = lh.NoiseParams()
+
+    def run(method: str) -> float:
+        chosen = METHODS[method]
+        begin = perf_counter()
+        lh.estimate(log, method, params=chosen.params(), noise=noise if chosen.takes_noise else None)
+        return perf_counter() - begin
+
+    times = np.median([[run(method) for method in names] for _ in range(9)], axis=0)
+    for name, seconds in zip(names, times, strict=True):
+        print(f"{name:26s}{seconds:10.3f} s{seconds / times[names.index('observer')]:8.2f}")
+
+
 def command_table(folder: Path) -> None:
     """Print wall time and peak memory of `levelhead estimate` on an hour of 100 Hz Parquet, report included."""
     log, _ = lh.simulate("field", seed=1, duration=3600.0)
@@ -138,6 +158,7 @@ def main() -> None:
         # First, while no larger child has run: peak memory of the children is a running maximum.
         command_table(folder)
         kernel_table(folder)
+        batch_table()
         streaming_table()
 
 

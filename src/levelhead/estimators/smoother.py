@@ -44,6 +44,7 @@ def estimate_smoother(
             start = replace(start, accel_bias=_triple(accel_bias))
     smoother, on_the_way = first, trace.status
     if closer is not params:
+        del first, smoother, trace  # an hour of them is 150 MB
         smoother = _smoother(closer, start)
         trace = run(
             smoother, data, None if progress is None else lambda part: progress(half + half * part), with_sigma=True
