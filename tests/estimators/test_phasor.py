@@ -236,6 +236,21 @@ def test_the_earth_turns_under_the_vehicle() -> None:
     assert math.isnan(float(blind.params["latitude"] or math.nan))  # type: ignore[arg-type]
 
 
+def test_what_surprises_the_filter_widens_its_sigma() -> None:
+    """A receiver that is four times noisier than it says."""
+    log, truth = lh.simulate("windrower", seed=5, duration=900.0, sensors=lh.SensorModel(velocity_noise=0.12))
+    modest = replace(log, velocity_std=np.full(log.gnss_time.size, 0.03))
+    result, told = lh.estimate(modest, "phasor", params=TRUE), lh.estimate(log, "phasor", params=TRUE)
+    assert "W_INNOVATIONS" in {event.code for event in result.events}
+    assert "W_INNOVATIONS" not in {event.code for event in told.events}
+    late = slice(60_000, None)
+    # RMS of one drive's normalised tilt errors: 1 +- 10 %; with the claimed noise it would be above 2.
+    assert rms((tilt_error(result, truth) / result.attitude_std[:, :2])[late]) < 1.3
+    # A log that says nothing about its velocities has them looked at.
+    silent = lh.estimate(replace(log, velocity_std=None), "phasor")
+    assert silent.params["velocity_std"] == pytest.approx(0.12, rel=0.15)
+
+
 def test_presets_are_grades_of_sensors() -> None:
     grades = [lh.PhasorParams.preset(name) for name in ("consumer", "industrial", "tactical")]
     for name in ("gyro_noise", "accel_noise", "gyro_bias_walk", "initial_gyro_bias_std"):

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from levelhead.analysis.noise import density
+from levelhead.analysis.tuning import velocity_noise
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators import METHODS, Method
 from levelhead.estimators.base import Result
@@ -122,8 +123,8 @@ def constants_for(
 def noise_of(log: Log, params: N) -> tuple[N, tuple[Event, ...]]:
     """Return the parameters with the noise in this log's readings, and the event that says so.
 
-    The readings can only raise the noise: slips, delays and gravity that is not quite known are part of every drive and
-    do not show in them, and a filter that believes too much is worse than one that believes too little. Gyros noisier
+    They can only raise it: slips, delays and gravity that is not quite known are part of every drive and
+    do not show, and a filter that believes too much is worse than one that believes too little. Gyros noisier
     than the consumer grade get its drifting biases too. A log too short to tell (half a minute) changes nothing.
     """
     try:
@@ -134,8 +135,11 @@ def noise_of(log: Log, params: N) -> tuple[N, tuple[Event, ...]]:
     found = {"gyro_noise": gyro, "accel_noise": accel}
     if gyro > consumer["gyro_noise"]:
         found |= {name: consumer[name] for name in ("gyro_bias_walk", "accel_bias_walk")}
+    if log.velocity_std is None:
+        found["velocity_std"] = velocity_noise(log)
     raised = {name: value for name, value in found.items() if value > getattr(params, name)}
     if not raised:
         return params, ()
-    detail = f"gyro {math.degrees(gyro):.2g} deg/s/sqrt(Hz), accelerometer {accel:.2g} m/s^2/sqrt(Hz)."
+    detail = f"gyro {math.degrees(gyro):.2g} deg/s/sqrt(Hz), accelerometer {accel:.2g} m/s^2/sqrt(Hz)"
+    detail += f", GNSS velocity {found['velocity_std']:.2g} m/s." if "velocity_std" in raised else "."
     return replace(params, **raised), (Event(code="I_NOISE_FOUND", count=1, detail=detail),)

@@ -316,6 +316,11 @@ def measure_noise(log: Log) -> NoiseParams:
     return _measured(log, record(log, ObserverParams()))
 
 
+def velocity_noise(log: Log) -> float:
+    """Return the GNSS velocity noise per horizontal axis that `measure_noise` finds, m/s; LogError as there."""
+    return _velocity_noise(record(log, ObserverParams()))
+
+
 def _measured(log: Log, epochs: Epochs) -> NoiseParams:
     return replace(
         NoiseParams(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -18,6 +19,8 @@ KNOWN_GYRO_STD: Final = math.radians(0.01)
 """A gyro bias with a smaller sigma is known, rad/s; the same as in the header `settled.hpp`."""
 KNOWN_ACCEL_STD: Final = 0.02
 """The same for the accelerometer, m/s^2."""
+SURPRISING: Final = 1.5
+"""A larger ratio is told to the user: chance, and parameters that are a little off, stay below it."""
 LEARNT: Final = 0.5
 """What is known has at most this part of its initial sigma left: a prior alone is no knowledge of this drive."""
 
@@ -35,8 +38,19 @@ def finish_filtered(
     method: str,
     params: FilterParams,
     warnings: tuple[Event, ...] = (),
+    innovation_ratio: float = 1.0,
 ) -> Result:
-    """Turn a run of a filter with a covariance into a `Result`: what is known in the end is what its sigma says."""
+    """Turn a run of a filter with a covariance into a `Result`: what is known in the end is what its sigma says.
+
+    Where the GNSS velocities surprised the filter more than its noise parameters explain (`innovation_ratio`, RMS over
+    predicted sigma), every sigma is as many times larger: something is at work that the parameters do not know.
+    """
+    if innovation_ratio > 1.0:
+        names = ("gyro_bias_std", "accel_bias_std", "attitude_std")
+        trace = replace(trace, **{name: getattr(trace, name) * innovation_ratio for name in names})
+    if innovation_ratio > SURPRISING:
+        detail = f"{innovation_ratio:.1f} times; every sigma is as many times larger."
+        warnings += (Event(code="W_INNOVATIONS", count=1, detail=detail),)
     known_gyro = _known(trace.gyro_bias_std[-1], KNOWN_GYRO_STD, params.initial_gyro_bias_std)
     known_accel = _known(trace.accel_bias_std[-1], KNOWN_ACCEL_STD, params.initial_accel_bias_std)
     vertical = stream.vertical_axis

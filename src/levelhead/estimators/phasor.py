@@ -88,4 +88,6 @@ def estimate_phasor(
     """Run the phasor filter over a whole log (see `levelhead.estimate`)."""
     stream = Phasor(params, initial=initial)
     trace = run(stream, data, progress, with_sigma=True)
-    return finish_filtered(data, trace, stream, method="phasor", params=params)
+    return finish_filtered(
+        data, trace, stream, method="phasor", params=params, innovation_ratio=stream.innovation_ratio
+    )

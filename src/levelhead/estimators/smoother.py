@@ -63,7 +63,8 @@ def estimate_smoother(
     )
     # When a bias became known is a matter of the first pass: the second knew before it began.
     trace = replace(trace, status=on_the_way)
-    return finish_filtered(data, trace, smoother, method="smoother", params=params)
+    ratio = smoother.innovation_ratio
+    return finish_filtered(data, trace, smoother, method="smoother", params=params, innovation_ratio=ratio)
 
 
 def _triple(row: FloatArray) -> Triple:
