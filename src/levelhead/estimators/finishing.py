@@ -30,6 +30,12 @@ def _known(sigma: FloatArray, limit: float, prior: float) -> Flags:
     return x, y, z
 
 
+def _widened(std: FloatArray, ratio: float, prior: float) -> FloatArray:
+    """Widen what the drive has taught; what was known before it does not suffer."""
+    wide: FloatArray = np.minimum(std * ratio, np.maximum(std, prior))
+    return wide
+
+
 def finish_filtered(
     data: SensorData,
     trace: Trace,
@@ -46,8 +52,12 @@ def finish_filtered(
     predicted sigma), every sigma is as many times larger: something is at work that the parameters do not know.
     """
     if innovation_ratio > 1.0:
-        names = ("gyro_bias_std", "accel_bias_std", "attitude_std")
-        trace = replace(trace, **{name: getattr(trace, name) * innovation_ratio for name in names})
+        trace = replace(
+            trace,
+            gyro_bias_std=_widened(trace.gyro_bias_std, innovation_ratio, params.initial_gyro_bias_std),
+            accel_bias_std=_widened(trace.accel_bias_std, innovation_ratio, params.initial_accel_bias_std),
+            attitude_std=trace.attitude_std * innovation_ratio,
+        )
     if innovation_ratio > SURPRISING:
         detail = f"{innovation_ratio:.1f} times; every sigma is as many times larger."
         warnings += (Event(code="W_INNOVATIONS", count=1, detail=detail),)
