@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 from levelhead.errors import UsageError
@@ -73,9 +73,4 @@ def estimate_ekf(
     """Run the Kalman filter over a whole log (see `levelhead.estimate`)."""
     stream = Ekf(params, initial=initial)
     trace = run(stream, data, progress, with_sigma=True)
-    result = finish_filtered(data, trace, stream, method="ekf", params=params)
-    if Status.ACCEL_SETTLED in Status(int(trace.status[-1])):
-        return result
-    # Sigma alone would claim the level axes after hours on a straight; the status knows about turning as well.
-    x, y, z = (known and axis == stream.vertical_axis for axis, known in enumerate(result.known_accel))
-    return replace(result, known_accel=(x, y, z), settled_at_s={**result.settled_at_s, "accel": None})
+    return finish_filtered(data, trace, stream, method="ekf", params=params)
