@@ -11,8 +11,8 @@ import numpy as np
 from levelhead.conventions import FloatArray
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.params import FilterParams
-from levelhead.estimators.streaming import KernelStream, Trace, interpolated_position
-from levelhead.estimators.trust import Flags, first_settled, mostly_backwards
+from levelhead.estimators.streaming import KernelStream, Trace, assemble
+from levelhead.estimators.trust import Flags, mostly_backwards
 from levelhead.events import Event
 
 KNOWN_GYRO_STD: Final = math.radians(0.01)
@@ -71,30 +71,5 @@ def finish_filtered(
     backwards = mostly_backwards(trace.status)
     if backwards:
         known_gyro = known_accel = (False, False, False)
-    settled = {
-        name: first_settled(data.time, trace.status, flag) if any(np.delete(known, vertical)) else None
-        for name, known, flag in (
-            ("gyro", known_gyro, Status.GYRO_SETTLED),
-            ("accel", known_accel, Status.ACCEL_SETTLED),
-        )
-    }
-    return Result(
-        time=data.time,
-        gyro_bias=trace.gyro_bias,
-        accel_bias=trace.accel_bias,
-        gyro_bias_std=trace.gyro_bias_std,
-        accel_bias_std=trace.accel_bias_std,
-        roll=trace.attitude[:, 0],
-        pitch=trace.attitude[:, 1],
-        heading=trace.attitude[:, 2],
-        attitude_std=trace.attitude_std,
-        velocity_ned=trace.velocity_ned,
-        position_llh=interpolated_position(data),
-        status=trace.status,
-        method=method,
-        params=params.as_dict(),
-        known_gyro=known_gyro,
-        known_accel=known_accel,
-        settled_at_s=settled,
-        events=trace.events + warnings + backwards,
-    )
+    events = trace.events + warnings + backwards
+    return assemble(data, trace, stream, method, params, (known_gyro, known_accel), events)

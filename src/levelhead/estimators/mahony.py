@@ -8,10 +8,9 @@ from typing import Self
 import numpy as np
 
 from levelhead.conventions import FloatArray
-from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.params import Initial, PlatformParams
-from levelhead.estimators.streaming import Progress, events_of, finish, run
+from levelhead.estimators.streaming import Progress, events_of, finish, restored, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import MahonyF64
 
@@ -70,12 +69,7 @@ class Mahony(MahonyF64):
     @classmethod
     def restore(cls, blob: bytes) -> Self:
         """Return a filter that continues bit for bit from a `save`; a foreign or damaged blob raises UsageError."""
-        self = cls.__new__(cls)
-        try:
-            MahonyF64.__init__(self, blob)
-        except ValueError as error:
-            raise UsageError(str(error)) from None
-        return self
+        return restored(cls.__new__(cls), MahonyF64.__init__, blob)
 
 
 def estimate_mahony(

@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.params import Initial, NoiseParams, PlatformParams
-from levelhead.estimators.streaming import Progress, events_of, finish, run
+from levelhead.estimators.streaming import Progress, events_of, finish, restored, run
 from levelhead.estimators.uncertainty import EpochRecorder, Epochs, LevelSigma, at_samples, level_sigma
 from levelhead.events import Event
 from levelhead.kernel._kernel import ObserverF64, observer_covariance
@@ -85,12 +85,7 @@ class Observer(ObserverF64):
     @classmethod
     def restore(cls, blob: bytes) -> Self:
         """Return an observer that continues bit for bit from a `save`; a foreign or damaged blob raises UsageError."""
-        self = cls.__new__(cls)
-        try:
-            ObserverF64.__init__(self, blob)
-        except ValueError as error:
-            raise UsageError(str(error)) from None
-        return self
+        return restored(cls.__new__(cls), ObserverF64.__init__, blob)
 
 
 def predict_observer(epochs: Epochs, params: ObserverParams, noise: NoiseParams) -> LevelSigma:

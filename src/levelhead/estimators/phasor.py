@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, Self
 
-from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import FilterParams, Initial
-from levelhead.estimators.streaming import Progress, events_of, run
+from levelhead.estimators.streaming import Progress, events_of, restored, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import PhasorF64
 
@@ -74,12 +73,7 @@ class Phasor(PhasorF64):
     @classmethod
     def restore(cls, blob: bytes) -> Self:
         """Return a filter that continues bit for bit from a `save`; a foreign or damaged blob raises UsageError."""
-        self = cls.__new__(cls)
-        try:
-            PhasorF64.__init__(self, blob)
-        except ValueError as error:
-            raise UsageError(str(error)) from None
-        return self
+        return restored(cls.__new__(cls), PhasorF64.__init__, blob)
 
 
 def estimate_phasor(

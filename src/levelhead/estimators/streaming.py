@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Final, Protocol
+from dataclasses import dataclass, replace
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
 from levelhead.conventions import FloatArray, StatusArray
-from levelhead.errors import LogError
+from levelhead.errors import LogError, UsageError
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.params import MethodParams
 from levelhead.estimators.trust import (
     ACCEL_BAND,
     GYRO_BAND,
+    Flags,
     certain,
     first_settled,
     mostly_backwards,
@@ -81,6 +82,18 @@ class Trace:
     accel_bias_std: FloatArray
     attitude_std: FloatArray
     events: tuple[Event, ...]
+
+
+S = TypeVar("S")
+
+
+def restored(stream: S, load: Callable[[S, bytes], None], blob: bytes) -> S:
+    """Return the stream with a saved state loaded; a foreign or damaged blob raises UsageError."""
+    try:
+        load(stream, blob)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    return stream
 
 
 def events_of(stream: KernelStream, time_origin: float = 0.0) -> tuple[Event, ...]:
@@ -257,31 +270,46 @@ def finish(
             sigma.attitude,
         )
         stds[1][:, vertical] = np.nan
+    trace = replace(trace, accel_bias=accel_bias, gyro_bias_std=stds[0], accel_bias_std=stds[1], attitude_std=stds[2])
+    events = trace.events + warnings + unsteady + backwards
+    return assemble(data, trace, stream, method, params, (known_gyro, known_accel), events)
+
+
+def assemble(
+    data: SensorData,
+    trace: Trace,
+    stream: KernelStream,
+    method: str,
+    params: MethodParams,
+    known: tuple[Flags, Flags],
+    events: tuple[Event, ...],
+) -> Result:
+    """Return the `Result` of a run; `known` are the flags of gyro and accelerometer axes."""
     # What is not known in the end has not settled, whatever the flags said; the vertical has a flag of its own.
     settled = {
-        name: first_settled(data.time, trace.status, flag) if any(np.delete(known, vertical)) else None
-        for name, known, flag in (
-            ("gyro", known_gyro, Status.GYRO_SETTLED),
-            ("accel", known_accel, Status.ACCEL_SETTLED),
+        name: first_settled(data.time, trace.status, flag) if any(np.delete(flags, stream.vertical_axis)) else None
+        for name, flags, flag in (
+            ("gyro", known[0], Status.GYRO_SETTLED),
+            ("accel", known[1], Status.ACCEL_SETTLED),
         )
     }
     return Result(
         time=data.time,
         gyro_bias=trace.gyro_bias,
-        accel_bias=accel_bias,
-        gyro_bias_std=stds[0],
-        accel_bias_std=stds[1],
+        accel_bias=trace.accel_bias,
+        gyro_bias_std=trace.gyro_bias_std,
+        accel_bias_std=trace.accel_bias_std,
         roll=trace.attitude[:, 0],
         pitch=trace.attitude[:, 1],
         heading=trace.attitude[:, 2],
-        attitude_std=stds[2],
+        attitude_std=trace.attitude_std,
         velocity_ned=trace.velocity_ned,
         position_llh=interpolated_position(data),
         status=trace.status,
         method=method,
         params=params.as_dict(),
-        known_gyro=known_gyro,
-        known_accel=known_accel,
+        known_gyro=known[0],
+        known_accel=known[1],
         settled_at_s=settled,
-        events=trace.events + warnings + unsteady + backwards,
+        events=events,
     )
