@@ -35,7 +35,7 @@ def forward(log: Log) -> Trace:
 
 def smoothed_once(log: Log) -> Trace:
     """One pass of the compiled smoother (`estimate` makes two)."""
-    smoother = SmootherF64(**PARAMS.kernel_arguments(), gyro_bias=ZERO, accel_bias=ZERO)
+    smoother = SmootherF64(lh.Phasor(PARAMS))
     t = run(smoother, log, with_sigma=True)
     states = (t.gyro_bias, t.accel_bias, t.attitude, t.velocity_ned, t.gyro_bias_std, t.accel_bias_std, t.attitude_std)
     smoother.retrace(log.time, log.gyro, log.accel, *states)

@@ -9,7 +9,7 @@ from levelhead.conventions import FloatArray
 from levelhead.estimators.base import Result, SensorData
 from levelhead.estimators.finishing import finish_filtered
 from levelhead.estimators.params import Initial, Triple
-from levelhead.estimators.phasor import PhasorParams
+from levelhead.estimators.phasor import Phasor, PhasorParams
 from levelhead.estimators.streaming import Progress, run
 from levelhead.kernel._kernel import SmootherF64
 
@@ -28,7 +28,7 @@ def estimate_smoother(
     from the biases that the first has found for its beginning.
     """
     start, closer, half = initial or Initial(), params, 0.5
-    first = _smoother(params, start)
+    first = SmootherF64(Phasor(params, initial=start))
     trace = run(first, data, None if progress is None else lambda part: progress(half * part), with_sigma=True)
     found = first.smoothed_start()
     if found is not None:
@@ -45,7 +45,7 @@ def estimate_smoother(
     smoother, on_the_way = first, trace.status
     if closer is not params:
         del first, smoother, trace  # an hour of them is 150 MB
-        smoother = _smoother(closer, start)
+        smoother = SmootherF64(Phasor(closer, initial=start))
         trace = run(
             smoother, data, None if progress is None else lambda part: progress(half + half * part), with_sigma=True
         )
@@ -70,7 +70,3 @@ def estimate_smoother(
 def _triple(row: FloatArray) -> Triple:
     x, y, z = (float(value) for value in row)
     return x, y, z
-
-
-def _smoother(params: PhasorParams, start: Initial) -> SmootherF64:
-    return SmootherF64(**params.kernel_arguments(), gyro_bias=start.gyro_bias, accel_bias=start.accel_bias)

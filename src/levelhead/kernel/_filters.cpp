@@ -103,18 +103,10 @@ void bind_smoother(nb::module_& m) {
     nb::class_<Smoother>(m, "SmootherF64")
         .def(
             "__init__",
-            [](Smoother* self, double min_course_speed, double gravity, nb::handle lever_arm, double gyro_noise, double accel_noise,
-               double gyro_bias_walk, double accel_bias_walk, double velocity_std, double sideslip_std, double axle_std,
-               double initial_gyro_bias_std, double initial_accel_bias_std, nb::object latitude, double gravity_std,
-               nb::handle gyro_bias, nb::handle accel_bias) {
-                const auto k = phasor_params<double>(lever_arm, min_course_speed, gravity, gyro_noise, accel_noise, gyro_bias_walk,
-                                                     accel_bias_walk, velocity_std, sideslip_std, axle_std, initial_gyro_bias_std,
-                                                     initial_accel_bias_std, latitude, gravity_std);
-                new (self) Smoother(k, vec3<double>(gyro_bias, "gyro_bias"), vec3<double>(accel_bias, "accel_bias"));
+            [](Smoother* self, const Stream<Phasor<double>>& forward) {
+                new (self) Smoother(forward.params, forward.estimator.gyro_bias, forward.estimator.accel_bias);
             },
-            nb::kw_only(), "min_course_speed"_a, "gravity"_a, "lever_arm"_a, "gyro_noise"_a, "accel_noise"_a, "gyro_bias_walk"_a,
-            "accel_bias_walk"_a, "velocity_std"_a, "sideslip_std"_a, "axle_std"_a, "initial_gyro_bias_std"_a, "initial_accel_bias_std"_a,
-            "latitude"_a.none(), "gravity_std"_a, "gyro_bias"_a, "accel_bias"_a)
+            "forward"_a)
         .def("run", [](Smoother& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
                        const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
                        RowsOut velocity_out, StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {

@@ -195,26 +195,7 @@ class PhasorF64(_Phasor): ...
 class PhasorF32(_Phasor): ...
 
 class SmootherF64:
-    def __init__(
-        self,
-        *,
-        min_course_speed: float = ...,
-        gravity: float = ...,
-        lever_arm: _Vector = ...,
-        gyro_noise: float = ...,
-        accel_noise: float = ...,
-        gyro_bias_walk: float = ...,
-        accel_bias_walk: float = ...,
-        velocity_std: float = ...,
-        sideslip_std: float = ...,
-        axle_std: float = ...,
-        initial_gyro_bias_std: float = ...,
-        initial_accel_bias_std: float = ...,
-        latitude: float | None = ...,
-        gravity_std: float = ...,
-        gyro_bias: _Vector = ...,
-        accel_bias: _Vector = ...,
-    ) -> None: ...
+    def __init__(self, forward: PhasorF64) -> None: ...
     def run(
         self,
         time: FloatArray,
