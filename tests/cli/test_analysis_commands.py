@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,23 @@ def test_validate_gives_the_added_biases_back(drive: Path, tmp_path: Path) -> No
     assert len(content["cases"]) > 20
     assert {change["constant"] for change in content["sensitivity"]["changes"]} >= {"tau", "tau_gyro", "omega_accel"}
     assert max(len(line) for line in done.stdout.splitlines()) <= 80
+
+
+def test_tuned_constants_are_taken_by_estimate(drive: Path, tmp_path: Path) -> None:
+    settings = tmp_path / "my.toml"
+    done = levelhead("tune", drive, "-o", settings)
+    assert done.returncode == 0, done.stderr
+    tables = tomllib.loads(settings.read_text())
+    assert set(tables) == {"observer", "two-stage", "phasor", "smoother", "ekf"}
+    # What was minimised is not where it started.
+    assert tables["observer"]["tau_gyro"] != 40.0
+    assert max(len(line) for line in done.stdout.splitlines() if " = " not in line) <= 80
+    for method in ("observer", "smoother"):
+        again = levelhead("estimate", drive, "-o", tmp_path / method, "--method", method, "--params", settings)
+        assert again.returncode == 0, again.stderr
+        params = json.loads((tmp_path / method / "summary.json").read_text())["params"]
+        for name, value in tables[method].items():
+            assert params[name] == value, name
 
 
 def test_many_drives_are_compared(tmp_path: Path) -> None:

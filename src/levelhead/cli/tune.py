@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -52,7 +52,7 @@ def tune(
         noise = measure_noise(drive)
         methods = [m for m in METHODS if m in TUNABLE or issubclass(METHODS[m].params, FilterParams)]
         for k, method in enumerate(methods):
-            proposals.append(_fixed(drive, method, noise) if method in TUNABLE else _filter(drive, method, noise))
+            proposals.append(_fixed(drive, method, noise) if method in TUNABLE else _filter(drive, method))
             report((k + 1) / len(methods))
     _show(noise, proposals)
     if output is not None:
@@ -77,11 +77,9 @@ def _fixed(log: Log, method: str, noise: NoiseParams) -> Proposal:
     )
 
 
-def _filter(log: Log, method: str, noise: NoiseParams) -> Proposal:
-    """Find the noise under which the filter is least surprised; its own covariance is the promise."""
+def _filter(log: Log, method: str) -> Proposal:
+    """Take the constants that `estimate` would find for this log; the filter's own covariance is the promise."""
     constants, _ = constants_for(log, method)
-    if isinstance(constants, FilterParams) and log.velocity_std is None:
-        constants, _ = constants_for(log, method, params=replace(constants, velocity_std=noise.velocity_std))
     result = estimate(log, method, params=constants)
     late = result.time >= 0.5 * (result.time[0] + result.time[-1])
     level = [axis for axis in range(3) if np.isfinite(result.accel_bias_std[-1, axis])][:2]
