@@ -114,6 +114,14 @@ def test_parquet_keeps_the_units_and_the_epoch(drive: Log, tmp_path: Path) -> No
     assert read(path).meta["epoch"] == 1752003261.871
 
 
+def test_parquet_keeps_that_a_simulated_earth_stands_still(drive: Log, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    write(replace(drive, meta={"earth_rotation": False}), path)
+    assert read(path).meta["earth_rotation"] is False
+    write(replace(drive, meta={}), path)
+    assert "earth_rotation" not in read(path).meta
+
+
 def test_absent_velocities_among_positions_stay_absent(drive: Log, tmp_path: Path) -> None:
     assert drive.velocity_ned is not None
     velocity = drive.velocity_ned.copy()

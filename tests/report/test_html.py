@@ -86,6 +86,21 @@ def test_an_unknown_bias_says_so_instead_of_a_number(make_result: Make, status: 
     assert "The accelerometer biases are known on all three axes" not in page
 
 
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (Status.ACCEL_UNOBSERVABLE, "Turn left and right"),
+        (Status.UNSEPARATED, "Change the rate and the direction of the turns"),
+        (Status.ALIGNING, "Drive forward faster than 1 m/s"),
+    ],
+)
+def test_what_to_drive_stands_beside_what_is_not_known(make_result: Make, status: Status, words: str) -> None:
+    flags = np.full(make_result().time.size, int(status), dtype=np.uint32)
+    assert words in render_report(make_result(known_accel=(False, False, False), status=flags), title="t")
+    # Nobody is told to drive again for what is known.
+    assert words not in render_report(make_result(known_accel=(True, True, True), status=flags), title="t")
+
+
 def test_a_bias_that_the_method_does_not_estimate_says_so(make_result: Make) -> None:
     bias = make_result().accel_bias * np.nan
     page = render_report(make_result(accel_bias=bias, known_accel=(True, False, True)), title="t")

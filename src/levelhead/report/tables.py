@@ -152,8 +152,8 @@ def verdict(result: Result) -> str:
 def advice(result: Result) -> tuple[str, ...]:
     """Say what to drive so that the next log tells what this one did not."""
     last = Status(int(result.status[-1]))
-    level = [i for i in range(3) if math.isfinite(float(result.accel_bias[-1, i]))][:2]
-    if all(result.known_accel[i] for i in level) or not level:
+    estimated = np.isfinite(result.accel_bias[-1])
+    if not np.any(estimated & ~np.array(result.known_accel)):
         return ()
     if Status.ACCEL_UNOBSERVABLE in last:
         return (
