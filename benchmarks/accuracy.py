@@ -7,11 +7,13 @@ from 900 s to the end and then over the seeds; "settles" is the last time an err
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 import levelhead as lh
+from levelhead.analysis.metrics import rms, settling_time
 from levelhead.conventions import FloatArray
 
 AFTER = 900.0
@@ -31,16 +33,6 @@ class Figures:
     accel_settles: float
 
 
-def _rms(values: FloatArray) -> FloatArray:
-    out: FloatArray = np.sqrt(np.mean(values**2, axis=0))
-    return out
-
-
-def _settles(time: FloatArray, error: FloatArray, band: float) -> float:
-    outside = np.flatnonzero((np.abs(error) > band).any(axis=1))
-    return float(time[outside[-1]] - time[0]) if outside.size else 0.0
-
-
 def figures(result: lh.Result, truth: lh.Truth) -> Figures:
     """Compare a result with the truth of its drive."""
     late = result.time - result.time[0] >= AFTER
@@ -48,13 +40,14 @@ def figures(result: lh.Result, truth: lh.Truth) -> Figures:
     accel = (result.accel_bias - truth.accel_bias)[:, :2]
     tilt = np.column_stack([result.roll - truth.roll, result.pitch - truth.pitch])
     heading = (result.heading - truth.heading + np.pi) % (2.0 * np.pi) - np.pi
+    settled = (settling_time(result.time, gyro, GYRO_BAND), settling_time(result.time, accel, ACCEL_BAND))
     return Figures(
-        gyro=np.degrees(_rms(gyro[late])),
-        accel=_rms(accel[late]),
-        tilt=np.degrees(_rms(tilt[late])),
-        heading=float(np.degrees(_rms(heading[late]))),
-        gyro_settles=_settles(result.time, gyro, GYRO_BAND),
-        accel_settles=_settles(result.time, accel, ACCEL_BAND),
+        gyro=np.degrees(rms(gyro[late])),
+        accel=rms(accel[late]),
+        tilt=np.degrees(rms(tilt[late])),
+        heading=float(np.degrees(rms(heading[late]))),
+        gyro_settles=math.inf if settled[0] is None else settled[0],
+        accel_settles=math.inf if settled[1] is None else settled[1],
     )
 
 
@@ -74,9 +67,9 @@ def accuracy_table(seeds: int) -> None:
             cells = []
             for name, digits in (("gyro", 4), ("accel", 4), ("tilt", 3)):
                 values = np.array([getattr(run, name) for run in runs])
-                mean, worst = _rms(values), values.max(axis=0)
+                mean, worst = rms(values), values.max(axis=0)
                 cells.append(" ".join(f"{m:.{digits}f} ({w:.{digits}f})" for m, w in zip(mean, worst, strict=True)))
-            heading = float(_rms(np.array([run.heading for run in runs])))
+            heading = float(rms(np.array([run.heading for run in runs])))
             settles = [np.array([getattr(run, f"{name}_settles") for run in runs]) for name in ("gyro", "accel")]
             times = "  ".join(f"{np.median(s):.0f} ({s.max():.0f})" for s in settles)
             columns = f"{cells[0]:>26s} {cells[1]:>24s} {cells[2]:>24s} {heading:8.3f} {times:>32s}"
@@ -97,8 +90,8 @@ def sensitivity_table(seeds: int) -> None:
             for log, reference in zip(logs, before, strict=True):
                 late = log.time >= AFTER
                 moved = lh.estimate(log, "observer", params=params)
-                gyro.append(np.degrees(_rms((moved.gyro_bias - reference.gyro_bias)[late, :2])).max())
-                accel.append(_rms((moved.accel_bias - reference.accel_bias)[late, :2]).max())
+                gyro.append(np.degrees(rms((moved.gyro_bias - reference.gyro_bias)[late, :2])).max())
+                accel.append(rms((moved.accel_bias - reference.accel_bias)[late, :2]).max())
             print(f"{name:14s}{factor - 1.0:+8.0%}{max(gyro):14.5f}{max(accel):14.5f}")
 
 

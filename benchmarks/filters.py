@@ -16,6 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 import levelhead as lh
+from levelhead.analysis.metrics import settling_time
+from levelhead.analysis.montecarlo import true_noise
 from levelhead.conventions import FloatArray
 
 AFTER = 600.0
@@ -25,27 +27,9 @@ ENGINE = lh.SensorModel(vibration=0.0, band_vibration=0.1, accel_bias=(0.11, 0.2
 SCENARIOS = ("field", "windrower")
 
 
-def noise(sensors: lh.SensorModel) -> dict[str, float]:
-    """Return the true noise parameters: white vibration counts as noise, an engine's averages out."""
-    white = sensors.vibration / math.sqrt(0.5 * sensors.imu_rate)
-    return {
-        "gyro_noise": sensors.gyro_noise,
-        "accel_noise": math.hypot(sensors.accel_noise, white),
-        "gyro_bias_walk": sensors.gyro_bias_walk,
-        "accel_bias_walk": sensors.accel_bias_walk,
-        "velocity_std": sensors.velocity_noise,
-    }
-
-
 def rms(values: FloatArray) -> float:
     """Return the root mean square of everything."""
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def settles(time: FloatArray, error: FloatArray, band: float) -> float:
-    """Return the last time at which an error was outside the band."""
-    outside = np.flatnonzero((np.abs(error) > band).any(axis=1))
-    return float(time[outside[-1]] - time[0]) if outside.size else 0.0
 
 
 def tilt(result: lh.Result, truth: lh.Truth) -> FloatArray:
@@ -66,19 +50,19 @@ def figures(result: lh.Result, truth: lh.Truth) -> list[float]:
     gyro = np.degrees(result.gyro_bias - truth.gyro_bias)[:, :2]
     accel = (result.accel_bias - truth.accel_bias)[:, :2]
     angle = tilt(result, truth)
+    settled = (settling_time(result.time, gyro, 0.02), settling_time(result.time, accel, 0.04))
     return [
         rms(angle[late]),
         rms(gyro[late]),
         rms(accel[late]),
         rms(angle[np.isfinite(angle).all(axis=1)]),
-        settles(result.time, gyro, 0.02),
-        settles(result.time, accel, 0.04),
+        *(math.inf if time is None else time for time in settled),
     ]
 
 
 def accuracy_table(name: str, sensors: lh.SensorModel, seeds: int) -> None:
     """Print one row per scenario and filter, with the ratio to the Kalman filter."""
-    own = noise(sensors)
+    own = true_noise(sensors)
     # The simulated vehicle never slides, and its IMU sits on the axle.
     straight = lh.PhasorParams.preset("industrial", **own, sideslip_std=1e-6, axle_std=1e-6)
     params: dict[str, lh.EkfParams | lh.PhasorParams] = {
@@ -116,7 +100,7 @@ def robustness_table(seeds: int) -> None:
     """Print what noise parameters that are five times wrong cost in tilt."""
     print(f"\nNoise parameters wrong by a factor of five, {seeds} seeds: tilt RMS over that with the true ones")
     print(f"{'scenario':11s}{'method':10s}{'parameter':18s}{'a fifth':>9s}{'five times':>12s}")
-    true = lh.PhasorParams.preset("industrial", **noise(WHITE), sideslip_std=1e-6, axle_std=1e-6)
+    true = lh.PhasorParams.preset("industrial", **true_noise(WHITE), sideslip_std=1e-6, axle_std=1e-6)
     for scenario in SCENARIOS:
         logs = [(replace(log, velocity_std=None), truth) for log, truth in drives(scenario, WHITE, seeds)]
 
@@ -127,7 +111,7 @@ def robustness_table(seeds: int) -> None:
 
         for method in ("phasor", "smoother"):
             base = error(true, method)
-            for name in noise(WHITE):
+            for name in true_noise(WHITE):
                 low, high = (error(replace(true, **{name: getattr(true, name) * f}), method) / base for f in (0.2, 5.0))
                 print(f"{scenario:11s}{method:10s}{name:18s}{low:9.2f}{high:12.2f}")
 

@@ -18,13 +18,11 @@ from levelhead.analysis.metrics import START_UP_S, attitude_difference, json_lis
 from levelhead.conventions import AXES, FloatArray
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators.base import Result
-from levelhead.estimators.params import MethodParams
+from levelhead.estimators.params import MethodParams, Triple
 from levelhead.estimators.streaming import Progress
 from levelhead.logs.derive import velocity_from_position
 from levelhead.logs.log import Log
 from levelhead.version import __version__
-
-Triple = tuple[float, float, float]
 
 GYRO_SIZES_DEG_S: Final = (0.05, -0.05, 0.2, -0.2, 0.5)
 ACCEL_SIZES: Final = (0.1, -0.1, 0.3, -0.3)
