@@ -244,7 +244,7 @@ struct Phasor {
         p.tt = S(0);
         p.tg = p.ta = {S(0), S(0)};
         propagate(p, f);
-        turning.xx = e.trusted ? single_course_variance(k, e, fix) : S(unknown_heading_var);
+        turning.xx = e.trusted ? course_variance(k, e, fix, S(1)) : S(unknown_heading_var);
         turning.xb = S(0);
         // Levelling on an acceleration seen from a wrong heading tilts the platform: theta = -f psi / g.
         const Complex<S> lean = Complex<S>{e.gnss_force.x, e.gnss_force.y} * -over_g;
@@ -259,19 +259,11 @@ struct Phasor {
         lifting.xb = S(0);
     }
 
-    // One look at the course: velocity noise, and how much the vehicle slides or swings.
-    S single_course_variance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) const {
-        return velocity_variance(k, horizontal_std(fix.std)) / e.speed2 + sliding_variance(k, e);
-    }
-
-    S sliding_variance(const Params& k, const Sighting<S>& e) const {
-        return k.sideslip_std * k.sideslip_std + k.axle_std * k.axle_std * yaw_rate * yaw_rate / e.speed2;
-    }
-
-    // The same again and again: the sideslip stays for a while, so that many looks tell no more than one.
-    S course_variance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) const {
-        const S repeats = maximum(S(1), S(2.0 * sideslip_time) * e.rate);
-        return velocity_variance(k, horizontal_std(fix.std)) / e.speed2 + sliding_variance(k, e) * repeats;
+    // One look at the course: velocity noise, and how much the vehicle slides or swings. That stays for a while, so that
+    // many looks tell no more about it than one.
+    S course_variance(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S looks) const {
+        const S sliding = k.sideslip_std * k.sideslip_std + k.axle_std * k.axle_std * yaw_rate * yaw_rate / e.speed2;
+        return velocity_variance(k, horizontal_std(fix.std)) / e.speed2 + sliding * looks;
     }
 
     void take_velocity(const Params& k, const Vec3<S>& velocity, const Fix<S>& fix) {
@@ -288,7 +280,7 @@ struct Phasor {
 
     // The first course; `angle` is what sight() has turned the heading by.
     void take_course(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S angle) {
-        const S r = single_course_variance(k, e, fix), s = turning.xx + r;
+        const S r = course_variance(k, e, fix, S(1)), s = turning.xx + r;
         recorder.turned(measure(turning, r), s, -angle);
         share = HeadingShare<S>{};
         // Until now the Earth's horizontal rate had no direction and went into the gyro bias.
@@ -317,24 +309,25 @@ struct Phasor {
         const auto steer = e.knew_heading & e.trusted;
         const S innovation = steer ? -course_innovation(p, steer, e.course) : S(0);
         const S r = velocity_variance(k, horizontal_std(fix.std)), r_down = velocity_variance(k, fix.std.z);
-        const S r_course = steer ? course_variance(k, e, fix) : S(1);
+        const S looks = maximum(S(1), S(2.0 * sideslip_time) * e.rate);
+        const S r_course = steer ? course_variance(k, e, fix, looks) : S(1);
         const S plain = horizontal.nn + r + shared_variance(turning, share.x.n, share.b.n);
         const S f = doubt(z, plain, error.z, lifting.xx + r_down, innovation, turning.xx + r_course);
         surprises = minimum(surprises + S(1), S(1e5));
         surprise = surprise + (S(0.5) * norm2(z) / (plain * f) - surprise) / surprises;
 
-        const S s = horizontal.nn + r * f + (f - S(1)) * horizontal.nn;
+        const S s = f * (horizontal.nn + r);
         const PhasorVector<S> gain = measure_velocity(horizontal, s);
         const HeadingGain<S> aside = measure_velocity(turning, share, gain, s);
         recorder.corrected(gain, aside, s, z);
         S turn = inner(aside.x, z), turn_bias = inner(aside.b, z);
 
-        const S lifted_r = r_down * f + (f - S(1)) * lifting.xx, s_down = lifting.xx + lifted_r;
+        const S lifted_r = r_down * f + (f - S(1)) * lifting.xx, s_down = f * (lifting.xx + r_down);
         const PairGain<S> lift = measure(lifting, lifted_r);
         recorder.lifted(lift, s_down, error.z);
 
         if (steer) {
-            const S y = innovation - turn, r_doubted = r_course * f + (f - S(1)) * turning.xx, s_course = turning.xx + r_doubted;
+            const S y = innovation - turn, r_doubted = r_course * f + (f - S(1)) * turning.xx, s_course = f * (turning.xx + r_course);
             const PairGain<S> steered = measure(turning, r_doubted);
             recorder.turned(steered, s_course, y);
             turn = turn + steered.x * y;
