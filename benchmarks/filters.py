@@ -62,14 +62,7 @@ def figures(result: lh.Result, truth: lh.Truth) -> list[float]:
 
 def accuracy_table(name: str, sensors: lh.SensorModel, seeds: int) -> None:
     """Print one row per scenario and filter, with the ratio to the Kalman filter."""
-    own = true_noise(sensors)
-    # The simulated vehicle never slides, and its IMU sits on the axle.
-    straight = lh.PhasorParams.preset("industrial", **own, sideslip_std=1e-6, axle_std=1e-6)
-    params: dict[str, lh.EkfParams | lh.PhasorParams] = {
-        "ekf": lh.EkfParams.preset("industrial", **own),
-        "phasor": straight,
-        "smoother": straight,
-    }
+    params = {method: true_params(method, sensors) for method in ("ekf", "phasor", "smoother")}
     print(
         f"\n{name}, {seeds} seeds; RMS after {AFTER:.0f} s, mean settling time; in brackets: over the Kalman filter's"
     )
@@ -100,7 +93,8 @@ def robustness_table(seeds: int) -> None:
     """Print what noise parameters that are five times wrong cost in tilt."""
     print(f"\nNoise parameters wrong by a factor of five, {seeds} seeds: tilt RMS over that with the true ones")
     print(f"{'scenario':11s}{'method':10s}{'parameter':18s}{'a fifth':>9s}{'five times':>12s}")
-    true = lh.PhasorParams.preset("industrial", **true_noise(WHITE), sideslip_std=1e-6, axle_std=1e-6)
+    true = true_params("phasor", WHITE)
+    assert isinstance(true, lh.PhasorParams)
     for scenario in SCENARIOS:
         logs = [(replace(log, velocity_std=None), truth) for log, truth in drives(scenario, WHITE, seeds)]
 

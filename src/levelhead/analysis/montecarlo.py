@@ -137,6 +137,10 @@ def monte_carlo(
     )
 
 
+STEADY: Final = 1e-6
+"""Sideslip (rad) and distance from the axle (m) that are as good as none."""
+
+
 def true_noise(sensors: SensorModel) -> dict[str, float]:
     """Return the noises of simulated sensors as a filter's constants, one-sided densities as in `NoiseParams`.
 
@@ -161,6 +165,8 @@ def true_params(method: str, sensors: SensorModel) -> MethodParams:
     if "accel_noise" in names:
         # A noise of exactly 0 is left at the default: a filter would believe in it without end.
         known = {name: value for name, value in true_noise(sensors).items() if name in names and value > 0.0}
+    # The simulated vehicle moves where it points, about the place of its IMU.
+    known |= {name: STEADY for name in ("sideslip_std", "axle_std") if name in names}
     arm = sensors.dcm_imu_to_vehicle.T @ np.array(sensors.lever_arm)
     return kind.from_dict({**known, "lever_arm": tuple(float(v) for v in arm)})
 
