@@ -17,7 +17,7 @@ import numpy as np
 
 import levelhead as lh
 from levelhead.analysis.metrics import settling_time
-from levelhead.analysis.montecarlo import true_noise
+from levelhead.analysis.montecarlo import true_noise, true_params
 from levelhead.conventions import FloatArray
 
 AFTER = 600.0
