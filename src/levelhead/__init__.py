@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from levelhead.analysis.estimation import estimate
 from levelhead.errors import LevelheadError, LogError, OutputError, UsageError
-from levelhead.estimators.base import Result, Status
+from levelhead.estimators.base import HeadingSource, ReferencePoint, Result, Status
 from levelhead.estimators.ekf import Ekf, EkfParams
 from levelhead.estimators.mahony import Mahony, MahonyParams
 from levelhead.estimators.observer import Observer, ObserverParams
@@ -37,6 +37,7 @@ __all__ = [
     "Ekf",
     "EkfParams",
     "Event",
+    "HeadingSource",
     "Initial",
     "LevelheadError",
     "Log",
@@ -49,6 +50,7 @@ __all__ = [
     "OutputError",
     "Phasor",
     "PhasorParams",
+    "ReferencePoint",
     "Result",
     "SensorModel",
     "Status",

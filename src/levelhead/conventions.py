@@ -38,6 +38,7 @@ VELOCITY_COLUMNS: Final = ("vel_n", "vel_e", "vel_d")
 VELOCITY_STD_COLUMN: Final = "vel_std"
 POSITION_COLUMNS: Final = ("lat", "lon", "height")
 POSITION_STD_COLUMN: Final = "pos_std"
+WHEEL_SPEED_COLUMN: Final = "wheel_speed"
 
 CANONICAL_UNITS: Final[dict[str, str]] = {
     TIME_COLUMN: "s",
@@ -49,6 +50,7 @@ CANONICAL_UNITS: Final[dict[str, str]] = {
     "lon": "deg",
     "height": "m",
     POSITION_STD_COLUMN: "m",
+    WHEEL_SPEED_COLUMN: "m/s",
 }
 """Columns of a canonical log file and the unit each has when the file declares none."""
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from levelhead.conventions import FloatArray, StatusArray
 from levelhead.events import Event
@@ -35,6 +36,40 @@ class Status(enum.IntFlag):
     """Turning at a constant rate so far: gyro and accelerometer biases cannot be told apart."""
     HEADING_SETTLED = 256
     """The course has steered the heading for three time constants: heading and vertical gyro bias are known."""
+    STATIONARY = 512
+    """The filter has found the vehicle at rest: velocity and angular rate are taken as zero."""
+    COURSE = 1024
+    """The heading was steered by the course (or by the axle that does not slide) within the last interval."""
+
+
+class HeadingSource(enum.IntEnum):
+    """Where the heading of a sample comes from."""
+
+    NONE = 0
+    """Not known yet."""
+    COURSE = 1
+    """The direction of travel corrects the gyros."""
+    REVERSE = 2
+    """The same, driving backwards."""
+    STATIONARY = 3
+    """The vehicle stands: the heading is held."""
+    INERTIAL = 4
+    """The gyros carry it on: too slow for a course, or no GNSS."""
+
+
+def heading_source(status: StatusArray) -> NDArray[np.uint8]:
+    """Return the `HeadingSource` (n,) that status flags (n,) tell of."""
+
+    def has(flag: Status) -> NDArray[np.bool_]:
+        found: NDArray[np.bool_] = (status & np.uint32(flag)) != 0
+        return found
+
+    source = np.full(status.shape, HeadingSource.INERTIAL, dtype=np.uint8)
+    source[has(Status.STATIONARY)] = HeadingSource.STATIONARY
+    source[has(Status.COURSE)] = HeadingSource.COURSE
+    source[has(Status.COURSE) & has(Status.REVERSE)] = HeadingSource.REVERSE
+    source[has(Status.INITIALIZING | Status.ALIGNING)] = HeadingSource.NONE
+    return source
 
 
 class SensorData(Protocol):
@@ -75,10 +110,48 @@ class SensorData(Protocol):
         """GNSS position (m, 3), rad, rad, m, or None."""
         ...
 
+    @property
+    def position_std(self) -> FloatArray | None:
+        """Its one sigma (m,) or (m, 3), m, or None."""
+        ...
+
+    @property
+    def wheel_speed(self) -> FloatArray | None:
+        """Speed that the wheels tell at the IMU's stamps (n,), m/s, NaN where none, or None."""
+        ...
+
 
 def _list(row: FloatArray, scale: float = 1.0) -> list[float | None]:
     """Turn a row into JSON: numbers, and None for NaN."""
     return [float(v) if np.isfinite(v) else None for v in row * scale]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReferencePoint:
+    """What is known about a point of the vehicle away from the IMU, at every IMU sample.
+
+    Attributes
+    ----------
+    point : (3,)
+        From the IMU to the point, body axes, m.
+    position_llh : ndarray, shape (n, 3), or None
+        Latitude (rad), longitude (rad), height (m) of the point; None without positions.
+    position_std : ndarray, shape (n, 3), or None
+        One sigma along North, East, Down, m, with what follows from the sigma of tilt and heading.
+    velocity_ned, velocity_std : ndarray, shape (n, 3)
+        Velocity of the point and one sigma, m/s.
+    cross_track, height : ndarray, shape (n,)
+        What the slope moves the point by, seen from the antenna, m: to the right of the heading, and up, over where a
+        level vehicle would have it.
+    """
+
+    point: tuple[float, float, float]
+    position_llh: FloatArray | None
+    position_std: FloatArray | None
+    velocity_ned: FloatArray
+    velocity_std: FloatArray
+    cross_track: FloatArray
+    height: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,8 +172,15 @@ class Result:
         One sigma of roll, pitch, heading, rad; NaN where the method gives none.
     velocity_ned : ndarray, shape (n, 3)
         Velocity at the IMU's stamps, m/s; NaN before the first GNSS epoch.
+    velocity_std : ndarray, shape (n, 3)
+        One sigma along North, East, Down, m/s; NaN where the method gives none.
     position_llh : ndarray, shape (n, 3), or None
-        GNSS positions interpolated to the IMU's stamps (rad, rad, m), or None without positions.
+        Position of the IMU (rad, rad, m) where the method estimates it, else the antenna's from GNSS, interpolated to the
+        IMU's stamps; None without positions.
+    position_std : ndarray, shape (n, 3), or None
+        One sigma along North, East, Down, m; None where the method does not estimate positions.
+    reference : ReferencePoint or None
+        The point of the vehicle that was asked for.
     status : ndarray, shape (n,), uint32
         `Status` flags.
     """
@@ -115,7 +195,9 @@ class Result:
     heading: FloatArray
     attitude_std: FloatArray
     velocity_ned: FloatArray
+    velocity_std: FloatArray
     position_llh: FloatArray | None
+    position_std: FloatArray | None
     status: StatusArray
     method: str
     params: Mapping[str, object]
@@ -125,6 +207,12 @@ class Result:
     log_info: Mapping[str, object] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     runtime_s: Mapping[str, float] = field(default_factory=dict)
+    reference: ReferencePoint | None = None
+
+    @property
+    def heading_source(self) -> NDArray[np.uint8]:
+        """Where the heading comes from at each sample (n,): values of `HeadingSource`."""
+        return heading_source(self.status)
 
     def summary(self) -> dict[str, object]:
         """Return the content of `summary.json`: the biases at the end of the log and how far to trust them."""

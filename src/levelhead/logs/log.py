@@ -64,6 +64,8 @@ class Log:
         Latitude (rad), longitude (rad) and height (m).
     position_std : array_like, shape (m,) or (m, 3), optional
         One sigma of the position, m.
+    wheel_speed : array_like, shape (n,), optional
+        Speed over ground that the wheels tell at the IMU's stamps, m/s, negative in reverse; NaN where there is none.
     meta : mapping, optional
         What is known about the log's origin: ``source``, ``format``, ``completeness``
         (``complete | truncated | malformed_record``), ``epoch``...
@@ -84,6 +86,7 @@ class Log:
     velocity_std: FloatArray | None = None
     position_llh: FloatArray | None = None
     position_std: FloatArray | None = None
+    wheel_speed: FloatArray | None = None
     meta: Mapping[str, object] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
 
@@ -115,6 +118,8 @@ class Log:
             value = getattr(self, name)
             if value is not None:
                 put(name, _array(name, value, (m,) if np.ndim(value) == 1 else (m, 3)))
+        if self.wheel_speed is not None:
+            put("wheel_speed", _array("wheel_speed", self.wheel_speed, (n,)))
         if self.velocity_ned is None and self.position_llh is None:
             raise LogError("The log has neither GNSS velocities nor positions; pass velocity_ned or position_llh.")
         put("meta", MappingProxyType(dict(self.meta)))
@@ -158,6 +163,7 @@ class Log:
             velocity_std=pick(self.velocity_std),
             position_llh=pick(self.position_llh),
             position_std=pick(self.position_std),
+            wheel_speed=None if self.wheel_speed is None else self.wheel_speed[imu],
         )
 
     def corrected(self, result: Result) -> Log:

@@ -16,6 +16,8 @@ enum Status : uint32_t {
     ACCEL_UNOBSERVABLE = 64,  // hardly any turning: accelerometer bias and tilt cannot be told apart
     UNSEPARATED = 128,        // turning at one constant rate: gyro and accelerometer bias cannot be told apart
     HEADING_SETTLED = 256,    // ... the heading and the vertical gyro bias
+    STATIONARY = 512,         // at rest, found by the filter: velocity and angular rate are taken as zero
+    COURSE = 1024,            // the course, or an axle that does not slide, has steered the heading in the last interval
 };
 
 enum EventCode : uint32_t {
