@@ -20,6 +20,8 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "IMU faces backwards. The heading may be the opposite and nothing is called known; begin with a forward drive.",
     "W_TIME_BACK": "Samples with time stamps at or before the previous one were dropped.",
     "E_NONFINITE": "Samples with NaN or infinity were dropped.",
+    "S_STATIONARY": "The vehicle stood still: velocity and rotation were taken as zero.",
+    "W_POSITION_JUMP": "GNSS positions were far from the filter's for ten seconds: its position began anew from them.",
     "W_UNSTEADY": "In the last two minutes these estimates still moved; take that as their uncertainty:",
     "W_TAU_RATIO": "tau_gyro is below four times tau (or tau_heading): the estimates will ring.",
 }

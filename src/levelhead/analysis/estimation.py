@@ -71,7 +71,9 @@ def estimate(
     if method is None:
         method = next((m for m in (DEFAULT_METHOD, *METHODS) if METHODS[m].params is type(params)), DEFAULT_METHOD)
     chosen = _chosen(method)
-    data = log if log.velocity_ned is not None else velocity_from_position(log)
+    constants_wanted = chosen.params() if params is None else params
+    navigates = chosen.navigates and getattr(constants_wanted, "use_positions", False)
+    data = log if log.velocity_ned is not None or navigates else velocity_from_position(log)
     constants, found = constants_for(data, method, params=params, lever_arm=lever_arm)
     if chosen.takes_noise:
         if noise is None:
@@ -116,7 +118,9 @@ def constants_for(
     if not isinstance(constants, FilterParams):
         return constants, ()
     if log.meta.get("earth_rotation", True):  # a simulated Earth may stand still
-        constants = at_place(constants, log)
+        constants = at_place(constants, log, follows=METHODS[method].navigates and constants.use_positions)
+    else:
+        constants = replace(constants, earth_rotation=False)
     return noise_of(log, constants) if params is None else (constants, ())
 
 
@@ -135,7 +139,7 @@ def noise_of(log: Log, params: N) -> tuple[N, tuple[Event, ...]]:
     found = {"gyro_noise": gyro, "accel_noise": accel}
     if gyro > consumer["gyro_noise"]:
         found |= {name: consumer[name] for name in ("gyro_bias_walk", "accel_bias_walk")}
-    if log.velocity_std is None:
+    if log.velocity_std is None and log.velocity_ned is not None:
         found["velocity_std"] = velocity_noise(log)
     raised = {name: value for name, value in found.items() if value > getattr(params, name)}
     if not raised:

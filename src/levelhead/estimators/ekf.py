@@ -21,8 +21,10 @@ class EkfParams(FilterParams):
     def kernel_arguments(self) -> dict[str, Any]:
         """Return the constants under the names of the compiled class."""
         arguments = self.as_dict()
-        if self.latitude is None:
+        if self.latitude is None or not self.earth_rotation:
             arguments["latitude"] = math.nan
+        for name in ("use_positions", "earth_rotation"):
+            del arguments[name]
         return arguments
 
 
@@ -66,5 +68,5 @@ def estimate_ekf(
 ) -> Result:
     """Run the Kalman filter over a whole log (see `levelhead.estimate`)."""
     stream = Ekf(params, initial=initial)
-    trace = run(stream, data, progress, with_sigma=True)
+    trace = run(stream, data, progress, with_sigma=True, with_position=params.use_positions)
     return finish_filtered(data, trace, stream, method="ekf", params=params)

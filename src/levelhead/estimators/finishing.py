@@ -59,6 +59,8 @@ def finish_filtered(
             gyro_bias_std=_widened(trace.gyro_bias_std, innovation_ratio, params.initial_gyro_bias_std),
             accel_bias_std=_widened(trace.accel_bias_std, innovation_ratio, params.initial_accel_bias_std),
             attitude_std=trace.attitude_std * innovation_ratio,
+            velocity_std=trace.velocity_std * innovation_ratio,
+            position_std=trace.position_std * innovation_ratio,
         )
     if innovation_ratio > SURPRISING:
         detail = f"{innovation_ratio:.1f} times; every sigma is as many times larger."

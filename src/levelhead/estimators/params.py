@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
@@ -13,6 +13,19 @@ from levelhead.conventions import GRAVITY
 from levelhead.errors import UsageError
 
 Triple = tuple[float, float, float]
+
+
+LONGEST_LEVER: Final = 50.0
+"""No vehicle is larger: a longer lever is one in other units, m."""
+
+
+def lever(name: str, value: object) -> Triple:
+    """Return a place on the vehicle as three floats, m; what is none raises UsageError."""
+    arm = np.asarray(value, dtype=np.float64) if isinstance(value, list | tuple | np.ndarray) else np.empty(0)
+    if arm.shape != (3,) or not np.all(np.isfinite(arm)) or np.abs(arm).max() > LONGEST_LEVER:
+        raise UsageError(f"{name} is {value}; pass three lengths in metres, each within {LONGEST_LEVER:g} m.")
+    x, y, z = (float(v) for v in arm)
+    return x, y, z
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,16 +36,27 @@ class Initial:
     ----------
     gyro_bias, accel_bias : (3,)
         Biases to start from, rad/s and m/s^2, body frame.
+    heading : float, optional
+        Heading at the first sample, rad, where something tells it (two antennas, a compass, where the vehicle was parked).
+        Only the phasor filter and the smoother use it, until the first course.
+    heading_std : float
+        Its one sigma, rad.
     """
 
     gyro_bias: Triple = (0.0, 0.0, 0.0)
     accel_bias: Triple = (0.0, 0.0, 0.0)
+    heading: float | None = None
+    heading_std: float = math.radians(5.0)
 
     def __post_init__(self) -> None:
         for name in ("gyro_bias", "accel_bias"):
             value = getattr(self, name)
             if len(value) != 3 or not np.all(np.isfinite(value)):
                 raise UsageError(f"{name} of Initial is {value}; pass three finite numbers.")
+        if self.heading is not None and not abs(self.heading) <= 2.0 * math.pi:
+            raise UsageError(f"heading of Initial is {self.heading!r}; pass radians within a full turn.")
+        if not (math.isfinite(self.heading_std) and self.heading_std > 0.0):
+            raise UsageError(f"heading_std of Initial is {self.heading_std!r}; it must be a positive number.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,22 +73,23 @@ class MethodParams:
         From the IMU to the GNSS antenna, body axes, m.
     """
 
+    CAN_BE_EXACT: ClassVar[frozenset[str]] = frozenset({"timing_std"})
+
     min_course_speed: float = 1.0
     gravity: float = GRAVITY
     lever_arm: Triple = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        arm = self.lever_arm
-        if len(arm) != 3 or not np.all(np.isfinite(arm)) or np.abs(arm).max() > 50.0:
-            raise UsageError(f"lever_arm is {arm}; pass three lengths in metres, each within 50 m.")
-        object.__setattr__(self, "lever_arm", tuple(float(v) for v in arm))
+        object.__setattr__(self, "lever_arm", lever("lever_arm", self.lever_arm))
         for field in fields(self):
             if not isinstance(field.default, float):
                 continue
             value = getattr(self, field.name)
             number = isinstance(value, float | int | np.number) and not isinstance(value, bool)
-            if not (number and np.isfinite(value) and value > 0.0):
-                raise UsageError(f"{field.name} is {value!r}; it must be a positive number.")
+            exact = field.name in self.CAN_BE_EXACT
+            if not (number and np.isfinite(value) and (value > 0.0 or (exact and value == 0.0))):
+                allowed = "must not be negative" if exact else "must be a positive number"
+                raise UsageError(f"{field.name} is {value!r}; it {allowed}.")
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
@@ -156,9 +181,22 @@ class FilterParams(NoiseParams, MethodParams):
     latitude : float, optional
         Geodetic latitude, rad, for the Earth's rotation. None: taken from the log's positions; without them the
         rotation is not compensated and adds to the gyro biases (4e-3 deg/s at most).
+    position_std : float
+        One sigma of a GNSS position, m per axis, where the log does not tell it per epoch.
+    timing_std : float
+        One sigma of a fix's stamp against the IMU's clock, s: along the way a position is off by so much driving. 0 for
+        clocks that are one.
+    use_positions : bool
+        False: the velocities alone are used, whatever the log has.
+    earth_rotation : bool
+        False: neither the Earth's rotation nor local gravity are compensated, whatever is known of the place.
     """
 
     latitude: float | None = None
+    position_std: float = 1.5
+    timing_std: float = 0.02
+    use_positions: bool = True
+    earth_rotation: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

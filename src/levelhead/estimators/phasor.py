@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.finishing import finish_filtered
-from levelhead.estimators.params import FilterParams, Initial
+from levelhead.estimators.params import FilterParams, Initial, Triple, lever
 from levelhead.estimators.streaming import Progress, events_of, restored, run
 from levelhead.events import Event
 from levelhead.kernel._kernel import PhasorF64
@@ -29,10 +29,25 @@ class PhasorParams(FilterParams):
     axle_std : float
         One sigma of the distance, along the vehicle, from the IMU to the axle that does not steer, m: in a turn the IMU
         swings sideways by it.
+    wheel_std : float
+        One sigma of a wheel speed, m/s; the tyre's radius is learnt besides.
+    rear_axle : (3,), optional
+        From the IMU to the axle that does not steer, body axes, m. Given, the filter counts on that axle not sliding
+        sideways (within `sideslip_std`), with GNSS and without: the non-holonomic constraint.
+    find_standstill : bool
+        Whether the filter looks for standstill by itself and then takes velocity and rotation as zero.
     """
 
     sideslip_std: float = math.radians(0.5)
     axle_std: float = 0.5
+    wheel_std: float = 0.1
+    rear_axle: Triple | None = None
+    find_standstill: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rear_axle is not None:
+            object.__setattr__(self, "rear_axle", lever("rear_axle", self.rear_axle))
 
     def kernel_arguments(self) -> dict[str, Any]:
         """Return the constants under the names of the compiled class: variances per second from one-sided densities."""
@@ -42,7 +57,13 @@ class PhasorParams(FilterParams):
         for name in ("gyro_bias_walk", "accel_bias_walk"):
             arguments[name] = arguments[name] ** 2
         arguments["gravity_std"] = GRAVITY_STD if self.latitude is None else 0.0
+        del arguments["use_positions"]
         return arguments
+
+
+def initial_arguments(initial: Initial | None) -> dict[str, Any]:
+    """Return what is known before the drive under the names of the compiled class."""
+    return asdict(initial or Initial())
 
 
 class Phasor(PhasorF64):
@@ -57,8 +78,7 @@ class Phasor(PhasorF64):
     """
 
     def __init__(self, params: PhasorParams | None = None, *, initial: Initial | None = None) -> None:
-        k, start = params or PhasorParams(), initial or Initial()
-        PhasorF64.__init__(self, **k.kernel_arguments(), gyro_bias=start.gyro_bias, accel_bias=start.accel_bias)
+        PhasorF64.__init__(self, **(params or PhasorParams()).kernel_arguments(), **initial_arguments(initial))
 
     @property
     def status(self) -> Status:
@@ -81,7 +101,7 @@ def estimate_phasor(
 ) -> Result:
     """Run the phasor filter over a whole log (see `levelhead.estimate`)."""
     stream = Phasor(params, initial=initial)
-    trace = run(stream, data, progress, with_sigma=True)
+    trace = run(stream, data, progress, with_sigma=True, with_position=params.use_positions)
     return finish_filtered(
         data, trace, stream, method="phasor", params=params, innovation_ratio=stream.innovation_ratio
     )

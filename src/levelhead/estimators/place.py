@@ -30,13 +30,16 @@ def normal_gravity(latitude: float, height: float) -> float:
     return surface - 3.086e-6 * height
 
 
-def at_place(params: P, data: SensorData) -> P:
-    """Return the parameters with the latitude of the log, and its gravity where they have the standard value."""
+def at_place(params: P, data: SensorData, *, follows: bool = False) -> P:
+    """Return the parameters with the latitude of the log, and its gravity where they have the standard value.
+
+    A method that `follows` the positions knows the gravity of each by itself.
+    """
     if params.latitude is not None or data.position_llh is None:
         return params
     known = data.position_llh[np.isfinite(data.position_llh).all(axis=1)]
     if known.size == 0:
         return params
     latitude, _, height = (float(v) for v in np.median(known, axis=0))
-    gravity = normal_gravity(latitude, height) if params.gravity == GRAVITY else params.gravity
+    gravity = normal_gravity(latitude, height) if params.gravity == GRAVITY and not follows else params.gravity
     return replace(params, latitude=latitude, gravity=gravity)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final, Protocol, TypeVar
 
 import numpy as np
@@ -30,6 +30,13 @@ from levelhead.events import Event
 
 Progress = Callable[[float], None]
 
+ImuArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Time (n,), gyro and accel (n, 3), wheel speed (n,) or (0,)."""
+GnssArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""Time (m,), velocity, its sigma, position (rad, rad, m), its sigma, each (m, 3), NaN where absent."""
+OutArrays = tuple[FloatArray | StatusArray, ...]
+"""What the kernel fills, in the order of the fields of `Trace`."""
+
 CHUNK: Final = 50_000
 """Samples fed to the kernel between two reports of progress."""
 
@@ -47,31 +54,14 @@ class KernelStream(Protocol):
         """Index of the body axis nearest to the vertical."""
         ...
 
-    def run(
-        self,
-        time: FloatArray,
-        gyro: FloatArray,
-        accel: FloatArray,
-        gnss_time: FloatArray,
-        velocity_ned: FloatArray,
-        velocity_std: FloatArray,
-        gyro_bias: FloatArray,
-        accel_bias: FloatArray,
-        attitude: FloatArray,
-        velocity: FloatArray,
-        status: StatusArray,
-        gyro_bias_std: FloatArray,
-        accel_bias_std: FloatArray,
-        attitude_std: FloatArray,
-        /,
-    ) -> int:
-        """Feed samples and epochs; fill the arrays after them, the last three only where they have rows."""
+    def run(self, imu: ImuArrays, gnss: GnssArrays, out: OutArrays, /) -> int:
+        """Feed samples and epochs; fill the arrays after them, from the sigmas on only those that have rows."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """What a run of the kernel leaves behind, one row per IMU sample."""
+    """What a run of the kernel leaves behind, one row per IMU sample; the order is the kernel's."""
 
     gyro_bias: FloatArray
     accel_bias: FloatArray
@@ -81,7 +71,34 @@ class Trace:
     gyro_bias_std: FloatArray
     accel_bias_std: FloatArray
     attitude_std: FloatArray
-    events: tuple[Event, ...]
+    velocity_std: FloatArray
+    position_llh: FloatArray
+    position_std: FloatArray
+    events: tuple[Event, ...] = ()
+
+    @classmethod
+    def empty(cls, n: int, *, with_sigma: bool, with_position: bool) -> Trace:
+        """Return arrays for n samples; those of what the estimator does not know have no rows."""
+        known, sigma, position = n, n if with_sigma else 0, n if with_position else 0
+        rows = (known, known, known, known, sigma, sigma, sigma, sigma, position, position)
+        a, b, c, d, e, f, g, h, i, j = (np.empty((count, 3)) for count in rows)
+        return cls(
+            gyro_bias=a,
+            accel_bias=b,
+            attitude=c,
+            velocity_ned=d,
+            status=np.empty(n, dtype=np.uint32),
+            gyro_bias_std=e,
+            accel_bias_std=f,
+            attitude_std=g,
+            velocity_std=h,
+            position_llh=i,
+            position_std=j,
+        )
+
+    def arrays(self, rows: slice = slice(None)) -> OutArrays:
+        """Return these rows of all arrays, as the kernel takes them."""
+        return tuple(getattr(self, f.name)[rows] for f in fields(self) if f.name != "events")
 
 
 S = TypeVar("S")
@@ -123,12 +140,30 @@ def _chunks(data: SensorData, first: int, last: int) -> Iterator[tuple[slice, sl
         done = max(done, upto)
 
 
+def imu_arrays(data: SensorData, rows: slice = slice(None)) -> ImuArrays:
+    """Return these samples of a log as the kernel takes them."""
+    wheel = np.empty(0) if data.wheel_speed is None else data.wheel_speed[rows]
+    return data.time[rows], data.gyro[rows], data.accel[rows], wheel
+
+
+def gnss_arrays(data: SensorData, *, positions: bool) -> GnssArrays:
+    """Return all epochs of a log as the kernel takes them: NaN for what it lacks, or must not use."""
+    m = data.gnss_time.size
+    nothing = np.full((m, 3), np.nan)
+    velocity = nothing if data.velocity_ned is None else np.ascontiguousarray(data.velocity_ned)
+    if not positions or data.position_llh is None:
+        return data.gnss_time, velocity, std_rows(data.velocity_std, m), nothing, nothing
+    position = np.ascontiguousarray(data.position_llh)
+    return data.gnss_time, velocity, std_rows(data.velocity_std, m), position, std_rows(data.position_std, m)
+
+
 def run(
     stream: KernelStream,
     data: SensorData,
     progress: Progress | None = None,
     *,
     with_sigma: bool = False,
+    with_position: bool = False,
     recorder: EpochRecorder | None = None,
 ) -> Trace:
     """Feed a whole log to a stream, the same updates in the same order as live.
@@ -138,77 +173,58 @@ def run(
     stream : Observer or TwoStage
         Its state goes on from where it is.
     data : SensorData
-        The log. Epochs outside the span of the IMU and infinite velocities are left out and counted; an epoch whose
-        velocity is absent (NaN) is none.
+        The log. Epochs outside the span of the IMU and infinite numbers are left out and counted; an epoch of which
+        all is absent (NaN) is none.
     progress : callable, optional
         Called with the fraction done.
     with_sigma : bool
         Whether the estimator has a covariance; otherwise every sigma is NaN.
+    with_position : bool
+        Whether the estimator takes positions and knows its own; otherwise it is fed velocities alone.
     recorder : EpochRecorder, optional
         Keeps the closed intervals, from which the uncertainty of a fixed-gain method follows.
 
     Raises
     ------
     LogError
-        When the log has no GNSS velocity within the span of the IMU.
+        When the log has no GNSS fix that the estimator can use within the span of the IMU.
     """
-    if data.velocity_ned is None:
+    if data.velocity_ned is None and not with_position:
         raise LogError("The log has no GNSS velocities; derive them from the positions first.")
+    epochs_in = gnss_arrays(data, positions=with_position)
     n = data.time.size
     first = int(np.searchsorted(data.gnss_time, data.time[0], side="left"))
     last = int(np.searchsorted(data.gnss_time, data.time[-1], side="right"))
-    inside = data.velocity_ned[first:last]
-    if int(np.isfinite(inside).all(axis=1).sum()) < 2:
+    _, velocity, _, position, _ = epochs_in
+    usable = np.asarray(np.isfinite(velocity).all(axis=1) | np.isfinite(position).all(axis=1))
+    if int(usable[first:last].sum()) < 2:
         raise LogError(
-            f"Fewer than two GNSS velocities lie within the IMU's time span ({data.time[0]:.3f} to "
-            f"{data.time[-1]:.3f} s{_gnss_span(data.gnss_time)}). Check the time offset between the two."
+            f"Fewer than two GNSS velocities{' or positions' if with_position else ''} lie within the IMU's time span "
+            f"({data.time[0]:.3f} to {data.time[-1]:.3f} s{_gnss_span(data.gnss_time)}). Check the time offset between "
+            "the two."
         )
-    std = std_rows(data.velocity_std, data.gnss_time.size)
-    usable = np.asarray(np.isfinite(data.velocity_ned).all(axis=1))
-    velocity = np.ascontiguousarray(data.velocity_ned)
-    gyro_bias, accel_bias, attitude, velocity_out = (np.empty((n, 3)) for _ in range(4))
-    status = np.empty(n, dtype=np.uint32)
-    sigmas = [np.empty((n if with_sigma else 0, 3)) for _ in range(3)]
+    trace = Trace.empty(n, with_sigma=with_sigma, with_position=with_position and data.position_llh is not None)
     feed = stream.run if recorder is None else recorder
     for rows, epochs in _chunks(data, first, last):
         keep = usable[epochs]
-        feed(
-            data.time[rows],
-            data.gyro[rows],
-            data.accel[rows],
-            data.gnss_time[epochs][keep],
-            velocity[epochs][keep],
-            std[epochs][keep],
-            gyro_bias[rows],
-            accel_bias[rows],
-            attitude[rows],
-            velocity_out[rows],
-            status[rows],
-            *(sigma[rows] for sigma in sigmas),
-        )
+        time, v, v_std, p, p_std = (array[epochs][keep] for array in epochs_in)
+        feed(imu_arrays(data, rows), (time, v, v_std, p, p_std), trace.arrays(rows))
         if progress is not None:
             progress(rows.stop / n)
     events = events_of(stream, float(data.time[0]))
     left_out = int(first + data.gnss_time.size - last)
     if left_out:
         events += (Event(code="W_NO_EPOCHS", count=left_out),)
-    infinite = int(np.isinf(inside).any(axis=1).sum())
+    infinite = int((np.isinf(velocity[first:last]) | np.isinf(position[first:last])).any(axis=1).sum())
     if infinite:
         events += (Event(code="E_NONFINITE", count=infinite),)
     if not with_sigma:
         # An unknown sigma is NaN, one shared row seen n times.
-        sigmas = [np.broadcast_to(np.full(3, np.nan), (n, 3))] * 3
-    return Trace(
-        gyro_bias=gyro_bias,
-        accel_bias=accel_bias,
-        attitude=attitude,
-        velocity_ned=velocity_out,
-        status=status,
-        gyro_bias_std=sigmas[0],
-        accel_bias_std=sigmas[1],
-        attitude_std=sigmas[2],
-        events=events,
-    )
+        nothing = np.broadcast_to(np.full(3, np.nan), (n, 3))
+        trace = replace(
+            trace, gyro_bias_std=nothing, accel_bias_std=nothing, attitude_std=nothing, velocity_std=nothing
+        )
+    return replace(trace, events=events)
 
 
 def _gnss_span(gnss_time: FloatArray) -> str:
@@ -293,6 +309,7 @@ def assemble(
             ("accel", known[1], Status.ACCEL_SETTLED),
         )
     }
+    estimated = trace.position_llh.shape[0] > 0
     return Result(
         time=data.time,
         gyro_bias=trace.gyro_bias,
@@ -304,9 +321,9 @@ def assemble(
         heading=trace.attitude[:, 2],
         attitude_std=trace.attitude_std,
         velocity_ned=trace.velocity_ned,
-        velocity_std=np.full_like(trace.velocity_ned, np.nan),
-        position_llh=interpolated_position(data),
-        position_std=None,
+        velocity_std=trace.velocity_std,
+        position_llh=trace.position_llh if estimated else interpolated_position(data),
+        position_std=trace.position_std if estimated else None,
         status=trace.status,
         method=method,
         params=params.as_dict(),

@@ -82,7 +82,7 @@ class EpochRecorder:
 
     def __call__(self, *arrays: Any) -> int:
         """Feed one chunk; the arguments are those of the stream's `run`."""
-        buffer = np.empty((arrays[3].size + 1, len(EPOCH_COLUMNS)))
+        buffer = np.empty((arrays[1][0].size + 1, len(EPOCH_COLUMNS)))
         count = self.run_recorded(*arrays, buffer)
         self.parts.append(buffer[:count])
         return count

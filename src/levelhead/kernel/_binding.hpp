@@ -101,7 +101,7 @@ struct BlobHeader {
     uint32_t format, estimator, scalar_bytes, payload_bytes, byte_order;
 };
 
-constexpr uint32_t blob_format = 2;
+constexpr uint32_t blob_format = 3;
 
 inline uint64_t checksum(const unsigned char* bytes, size_t count) {
     uint64_t h = 1469598103934665603ull;  // FNV-1a
@@ -143,7 +143,8 @@ void restore(Stream& s, const nb::bytes& blob, uint32_t estimator) {
 
 // ---- one class per estimator and scalar ----
 
-const char* const event_names[EVENT_COUNT] = {"W_GAP", "E_GAP_RESET", "S_COAST", "S_REVERSE", "W_TIME_BACK", "E_NONFINITE"};
+const char* const event_names[EVENT_COUNT] = {"W_GAP", "E_GAP_RESET", "S_COAST", "S_REVERSE", "W_TIME_BACK", "E_NONFINITE",
+                                              "S_STATIONARY", "W_POSITION_JUMP"};
 
 template <class Stream>
 nb::list events(const Stream& s) {
@@ -193,10 +194,58 @@ Vec3<double> shown_velocity(const Stream& s) {
     return {double(v.x), double(v.y), double(v.z)};
 }
 
+// What the estimator knows of its position; NaN where it does not estimate one.
+template <class Stream>
+Geodetic shown_position(const Stream& s) {
+    if constexpr (std::remove_reference_t<decltype(s.estimator)>::takes_positions) return s.estimator.position();
+    return {NAN, NAN, NAN};
+}
+
+// The readings of one run, rows in the order of time: IMU time, gyro, accel, wheel speed (NaN or no rows: none); GNSS time,
+// velocity and its sigma, position (rad, rad, m) and its sigma, NaN where absent.
+struct Inputs {
+    Vector time;
+    Rows gyro, accel;
+    Vector wheel, gnss_time;
+    Rows velocity, velocity_std, position, position_std;
+
+    Inputs(const nb::tuple& imu, const nb::tuple& gnss)
+        : time(nb::cast<Vector>(imu[0])), gyro(nb::cast<Rows>(imu[1])), accel(nb::cast<Rows>(imu[2])), wheel(nb::cast<Vector>(imu[3])),
+          gnss_time(nb::cast<Vector>(gnss[0])), velocity(nb::cast<Rows>(gnss[1])), velocity_std(nb::cast<Rows>(gnss[2])),
+          position(nb::cast<Rows>(gnss[3])), position_std(nb::cast<Rows>(gnss[4])) {
+        const size_t n = time.shape(0), m = gnss_time.shape(0);
+        bool fits = gyro.shape(0) == n && accel.shape(0) == n && (wheel.shape(0) == n || wheel.shape(0) == 0);
+        for (const Rows* rows : {&velocity, &velocity_std, &position, &position_std}) fits = fits && rows->shape(0) == m;
+        if (!fits) throw nb::value_error("The arrays of one run differ in length.");
+    }
+};
+
+// Arrays to fill, one row per IMU sample; those from the sigmas on may have no rows: then they are not asked for.
 struct Outputs {
     double *gyro_bias, *accel_bias, *attitude, *velocity;
     uint32_t* status;
-    double *gyro_bias_std, *accel_bias_std, *attitude_std;  // null where the estimator has no covariance
+    double *gyro_bias_std, *accel_bias_std, *attitude_std, *velocity_std, *position, *position_std;
+
+    Outputs(const nb::tuple& arrays, size_t n) {
+        const auto rows = [&](int i, bool optional) -> double* {
+            const RowsOut array = nb::cast<RowsOut>(arrays[i]);
+            if (array.shape(0) != n && !(optional && array.shape(0) == 0)) throw nb::value_error("The arrays of one run differ in length.");
+            return array.shape(0) == 0 ? nullptr : array.data();
+        };
+        gyro_bias = rows(0, false);
+        accel_bias = rows(1, false);
+        attitude = rows(2, false);
+        velocity = rows(3, false);
+        const StatusOut flags = nb::cast<StatusOut>(arrays[4]);
+        if (flags.shape(0) != n) throw nb::value_error("The arrays of one run differ in length.");
+        status = flags.data();
+        gyro_bias_std = rows(5, true);
+        accel_bias_std = rows(6, true);
+        attitude_std = rows(7, true);
+        velocity_std = rows(8, true);
+        position = rows(9, true);
+        position_std = rows(10, true);
+    }
 };
 
 template <class S>
@@ -204,6 +253,18 @@ void put(double* out, size_t i, const Vec3<S>& v) {
     out[3 * i] = double(v.x);
     out[3 * i + 1] = double(v.y);
     out[3 * i + 2] = double(v.z);
+}
+
+inline void put(double* out, size_t i, const Geodetic& p) { put(out, i, Vec3<double>{p.latitude, p.longitude, p.height}); }
+
+// The sigmas that are asked for.
+template <class S>
+void put(const Outputs& out, size_t i, const Sigma<S>& sigma) {
+    put(out.gyro_bias_std, i, sigma.gyro_bias);
+    put(out.accel_bias_std, i, sigma.accel_bias);
+    put(out.attitude_std, i, sigma.attitude);
+    if (out.velocity_std) put(out.velocity_std, i, sigma.velocity);
+    if (out.position_std) put(out.position_std, i, sigma.position);
 }
 
 template <class Stream>
@@ -214,47 +275,32 @@ void show(const Stream& s, const Outputs& out, size_t i) {
     put(out.attitude, i, Vec3<double>{a.roll, a.pitch, a.heading});
     put(out.velocity, i, shown_velocity(s));
     out.status[i] = s.status();
-    if (out.gyro_bias_std) {
-        const auto sigma = s.estimator.sigma();
-        put(out.gyro_bias_std, i, sigma.gyro_bias);
-        put(out.accel_bias_std, i, sigma.accel_bias);
-        put(out.attitude_std, i, sigma.attitude);
-    }
+    if (out.position) put(out.position, i, shown_position(s));
+    if (out.gyro_bias_std) put(out, i, s.estimator.sigma());
 }
 
 // Feed samples and epochs in time order, an epoch after the sample of the same stamp. Returns the epochs used up. `watch`
 // is called after whatever may have closed an interval, `tell` after each sample with its epochs.
 template <class Stream, class Watch, class Tell>
-size_t run_watched(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
-                   const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
-                   RowsOut velocity_out, StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std,
-                   Watch watch, Tell tell) {
+size_t run_watched(Stream& s, const Inputs& in, const Outputs& out, Watch watch, Tell tell) {
     using S = typename Stream::S;
-    const size_t n = time.shape(0), m = gnss_time.shape(0);
-    if (gyro.shape(0) != n || accel.shape(0) != n || gyro_bias.shape(0) != n || accel_bias.shape(0) != n ||
-        attitude_out.shape(0) != n || velocity_out.shape(0) != n || status.shape(0) != n || velocity.shape(0) != m ||
-        velocity_std.shape(0) != m)
-        throw nb::value_error("The arrays of one run differ in length.");
-    const bool with_sigma = gyro_bias_std.shape(0) > 0;
-    if (with_sigma && (gyro_bias_std.shape(0) != n || accel_bias_std.shape(0) != n || attitude_std.shape(0) != n))
-        throw nb::value_error("The arrays of one run differ in length.");
-    const Outputs out = {gyro_bias.data(), accel_bias.data(), attitude_out.data(), velocity_out.data(), status.data(),
-                         with_sigma ? gyro_bias_std.data() : nullptr, accel_bias_std.data(), attitude_std.data()};
-    const double *t = time.data(), *w = gyro.data(), *f = accel.data(), *tg = gnss_time.data(), *v = velocity.data(),
-                 *sd = velocity_std.data();
+    const size_t n = in.time.shape(0), m = in.gnss_time.shape(0);
+    const double *t = in.time.data(), *w = in.gyro.data(), *f = in.accel.data(), *tg = in.gnss_time.data(), *v = in.velocity.data(),
+                 *sd = in.velocity_std.data(), *p = in.position.data(), *psd = in.position_std.data(),
+                 *wheel = in.wheel.shape(0) > 0 ? in.wheel.data() : nullptr;
     nb::gil_scoped_release unlocked;
+    const auto epoch = [&](size_t j) {
+        s.gnss(tg[j], row<S>(v + 3 * j), row<S>(sd + 3 * j), Geodetic{p[3 * j], p[3 * j + 1], p[3 * j + 2]}, row<S>(psd + 3 * j));
+    };
     size_t j = 0;
     for (size_t i = 0; i < n; ++i) {
-        while (j < m && tg[j] < t[i]) {
-            s.gnss(tg[j], row<S>(v + 3 * j), row<S>(sd + 3 * j));
-            ++j;
-        }
+        while (j < m && tg[j] < t[i]) epoch(j++);
         s.imu(t[i], row<S>(w + 3 * i), row<S>(f + 3 * i));
+        if (wheel && wheel[i] == wheel[i]) s.wheel(S(wheel[i]));
         watch();
         while (j < m && tg[j] == t[i]) {
-            s.gnss(tg[j], row<S>(v + 3 * j), row<S>(sd + 3 * j));
+            epoch(j++);
             watch();
-            ++j;
         }
         tell(out, i);
     }
@@ -262,11 +308,10 @@ size_t run_watched(Stream& s, const Vector& time, const Rows& gyro, const Rows& 
 }
 
 template <class Stream>
-size_t run(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time, const Rows& velocity,
-           const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out, RowsOut velocity_out,
-           StatusOut status, RowsOut gyro_bias_std, RowsOut accel_bias_std, RowsOut attitude_std) {
-    return run_watched(s, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out, velocity_out,
-                       status, gyro_bias_std, accel_bias_std, attitude_std, [] {}, [&s](const Outputs& out, size_t i) { show(s, out, i); });
+size_t run(Stream& s, const nb::tuple& imu, const nb::tuple& gnss, const nb::tuple& arrays) {
+    const Inputs in(imu, gnss);
+    const Outputs out(arrays, in.time.shape(0));
+    return run_watched(s, in, out, [] {}, [&s](const Outputs& o, size_t i) { show(s, o, i); });
 }
 
 template <class S>
@@ -289,11 +334,36 @@ nb::class_<Stream<Estimator>> bind_stream(nb::module_& m, const char* name, uint
     }, "t"_a, "gyro"_a, "accel"_a,
         "Take one IMU sample: stamp (s), angular rate (rad/s) and specific force (m/s^2), body FRD.\n\n"
         "Returns False where the sample was dropped: its stamp does not advance, or it is not finite.");
-    c.def("update_gnss", [](St& s, double t, nb::handle velocity, nb::handle std) {
-        return s.gnss(t, vec3<S>(velocity, "velocity_ned"), std3<S>(std));
-    }, "t"_a, "velocity_ned"_a, "velocity_std"_a = nb::none(),
-        "Take one GNSS epoch: stamp on the IMU's clock (s), velocity (m/s, NED), its sigma (m/s: one number, three, or None).\n\n"
-        "The epoch may lie ahead of the last IMU sample, never behind it. Returns False where it was dropped.");
+    if constexpr (Estimator::takes_positions) {
+        c.def("update_gnss", [](St& s, double t, nb::handle velocity, nb::handle std, nb::handle position, nb::handle position_std) {
+            const S unknown = S(NAN);
+            const Vec3<S> v = velocity.is_none() ? Vec3<S>{unknown, unknown, unknown} : vec3<S>(velocity, "velocity_ned");
+            double llh[3] = {NAN, NAN, NAN};
+            if (!position.is_none()) read3(position, "position_llh", llh);
+            if (fabs(llh[0]) > 0.5 * pi) throw nb::value_error("The latitude is beyond a pole; position_llh is (rad, rad, m).");
+            return s.gnss(t, v, std3<S>(std), Geodetic{llh[0], llh[1], llh[2]}, std3<S>(position_std));
+        }, "t"_a, "velocity_ned"_a = nb::none(), "velocity_std"_a = nb::none(), "position_llh"_a = nb::none(), "position_std"_a = nb::none(),
+            "Take one GNSS epoch: stamp on the IMU's clock (s), velocity (m/s, NED) or None, its sigma (m/s: one number, three, or\n"
+            "None), position (latitude rad, longitude rad, height m, WGS-84) or None, its sigma (m, likewise).\n\n"
+            "The epoch may lie ahead of the last IMU sample, never behind it. Returns False where it was dropped.");
+        c.def_prop_ro("position_llh", [](const St& s) {
+            const Geodetic p = shown_position(s);
+            return array3(Vec3<double>{p.latitude, p.longitude, p.height});
+        }, "Position of the IMU (3,): latitude, longitude (rad), height (m), WGS-84; NaN until a fix has told one.");
+        c.def_prop_ro("position_std", [](const St& s) { return array3(s.estimator.sigma().position); },
+            "One sigma of the position (3,), North, East, Down, m; NaN where it is unknown.");
+        c.def_prop_ro("velocity_std", [](const St& s) { return array3(s.estimator.sigma().velocity); },
+            "One sigma of the velocity (3,), North, East, Down, m/s.");
+    } else {
+        c.def("update_gnss", [](St& s, double t, nb::handle velocity, nb::handle std) {
+            return s.gnss(t, vec3<S>(velocity, "velocity_ned"), std3<S>(std));
+        }, "t"_a, "velocity_ned"_a, "velocity_std"_a = nb::none(),
+            "Take one GNSS epoch: stamp on the IMU's clock (s), velocity (m/s, NED), its sigma (m/s: one number, three, or None).\n\n"
+            "The epoch may lie ahead of the last IMU sample, never behind it. Returns False where it was dropped.");
+    }
+    if constexpr (Estimator::takes_wheels)
+        c.def("update_wheel", [](St& s, double speed) { return s.wheel(S(speed)); }, "speed"_a,
+            "Take the speed that the wheels tell at the last IMU sample, m/s, negative in reverse. Returns False where it is not finite.");
     c.def("run", &run<St>);
     c.def("save", [id](const St& s) { return save(s, id); },
         "Return the whole state as bytes; `restore` continues from it bit for bit.");
@@ -324,21 +394,19 @@ nb::class_<Stream<Estimator>> bind_stream(nb::module_& m, const char* name, uint
 
 // The same, keeping what the uncertainty needs of every closed interval; an array of as many rows as could be closed.
 template <class Stream>
-size_t run_recorded(Stream& s, const Vector& time, const Rows& gyro, const Rows& accel, const Vector& gnss_time,
-                    const Rows& velocity, const Rows& velocity_std, RowsOut gyro_bias, RowsOut accel_bias, RowsOut attitude_out,
-                    RowsOut velocity_out, StatusOut status, RowsOut no_gyro_std, RowsOut no_accel_std, RowsOut no_attitude_std,
-                    EpochsOut epochs) {
-    if (epochs.shape(0) < gnss_time.shape(0) + 1)
+size_t run_recorded(Stream& s, const nb::tuple& imu, const nb::tuple& gnss, const nb::tuple& arrays, EpochsOut epochs) {
+    const Inputs in(imu, gnss);
+    const Outputs shown(arrays, in.time.shape(0));
+    if (epochs.shape(0) < in.gnss_time.shape(0) + 1)
         throw nb::value_error("The array of epochs needs one row more than there are epochs.");
     double* out = epochs.data();
     uint32_t closed = s.closed;
-    run_watched(s, time, gyro, accel, gnss_time, velocity, velocity_std, gyro_bias, accel_bias, attitude_out, velocity_out, status,
-                no_gyro_std, no_accel_std, no_attitude_std, [&] {
-                    if (s.closed == closed) return;
-                    closed = s.closed;
-                    put_epoch(out, s.gnss_time, s.interval);
-                    out += epoch_columns;
-                }, [&s](const Outputs& shown, size_t i) { show(s, shown, i); });
+    run_watched(s, in, shown, [&] {
+        if (s.closed == closed) return;
+        closed = s.closed;
+        put_epoch(out, s.gnss_time, s.interval);
+        out += epoch_columns;
+    }, [&s](const Outputs& o, size_t i) { show(s, o, i); });
     return size_t(out - epochs.data()) / epoch_columns;
 }
 

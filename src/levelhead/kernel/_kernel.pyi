@@ -8,29 +8,18 @@ from levelhead.conventions import FloatArray, StatusArray
 
 DEFAULT_GRAVITY: float
 
+# Time, gyro, accel, wheel speed; time, velocity, its sigma, position, its sigma; and what is filled, one row per IMU sample:
+# gyro bias, accel bias, attitude, velocity, status, sigma of the first three and of the velocity, position, its sigma.
+ImuArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+GnssArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+OutArrays = tuple[FloatArray | StatusArray, ...]
+
 _Vector = Sequence[float] | NDArray[np.floating]
 
 class _Stream:
     def update_imu(self, t: float, gyro: _Vector, accel: _Vector) -> bool: ...
     def update_gnss(self, t: float, velocity_ned: _Vector, velocity_std: float | _Vector | None = None) -> bool: ...
-    def run(
-        self,
-        time: FloatArray,
-        gyro: FloatArray,
-        accel: FloatArray,
-        gnss_time: FloatArray,
-        velocity_ned: FloatArray,
-        velocity_std: FloatArray,
-        gyro_bias: FloatArray,
-        accel_bias: FloatArray,
-        attitude: FloatArray,
-        velocity: FloatArray,
-        status: StatusArray,
-        gyro_bias_std: FloatArray,
-        accel_bias_std: FloatArray,
-        attitude_std: FloatArray,
-        /,
-    ) -> int: ...
+    def run(self, imu: ImuArrays, gnss: GnssArrays, out: OutArrays, /) -> int: ...
     def save(self) -> bytes: ...
     @property
     def time(self) -> float: ...
@@ -57,30 +46,28 @@ class _Stream:
     @property
     def sigma(self) -> tuple[FloatArray, FloatArray, FloatArray]: ...
 
+class _Navigator(_Stream):
+    def update_gnss(
+        self,
+        t: float,
+        velocity_ned: _Vector | None = None,
+        velocity_std: float | _Vector | None = None,
+        position_llh: _Vector | None = None,
+        position_std: float | _Vector | None = None,
+    ) -> bool: ...
+    @property
+    def position_llh(self) -> FloatArray: ...
+    @property
+    def position_std(self) -> FloatArray: ...
+    @property
+    def velocity_std(self) -> FloatArray: ...
+
 class _Steered(_Stream):
     @property
     def residual(self) -> tuple[float, float, float]: ...
 
 class _FixedGain(_Steered):
-    def run_recorded(
-        self,
-        time: FloatArray,
-        gyro: FloatArray,
-        accel: FloatArray,
-        gnss_time: FloatArray,
-        velocity_ned: FloatArray,
-        velocity_std: FloatArray,
-        gyro_bias: FloatArray,
-        accel_bias: FloatArray,
-        attitude: FloatArray,
-        velocity: FloatArray,
-        status: StatusArray,
-        gyro_bias_std: FloatArray,
-        accel_bias_std: FloatArray,
-        attitude_std: FloatArray,
-        epochs: FloatArray,
-        /,
-    ) -> int: ...
+    def run_recorded(self, imu: ImuArrays, gnss: GnssArrays, out: OutArrays, epochs: FloatArray, /) -> int: ...
 
 class _Observer(_FixedGain):
     def __new__(cls, *args: object, **kwargs: object) -> Self: ...
@@ -120,7 +107,7 @@ class _TwoStage(_FixedGain):
         accel_bias: _Vector = ...,
     ) -> None: ...
 
-class _Ekf(_Stream):
+class _Ekf(_Navigator):
     def __new__(cls, *args: object, **kwargs: object) -> Self: ...
     def __init__(
         self,
@@ -137,6 +124,8 @@ class _Ekf(_Stream):
         initial_gyro_bias_std: float = ...,
         initial_accel_bias_std: float = ...,
         latitude: float = ...,
+        position_std: float = ...,
+        timing_std: float = ...,
         gyro_bias: _Vector = ...,
         accel_bias: _Vector = ...,
     ) -> None: ...
@@ -165,7 +154,7 @@ class ObserverF32(_Observer): ...
 class TwoStageF64(_TwoStage): ...
 class TwoStageF32(_TwoStage): ...
 
-class _Phasor(_Stream):
+class _Phasor(_Navigator):
     def __new__(cls, *args: object, **kwargs: object) -> Self: ...
     def __init__(
         self,
@@ -179,15 +168,24 @@ class _Phasor(_Stream):
         gyro_bias_walk: float = ...,
         accel_bias_walk: float = ...,
         velocity_std: float = ...,
+        position_std: float = ...,
+        timing_std: float = ...,
         sideslip_std: float = ...,
         axle_std: float = ...,
+        wheel_std: float = ...,
+        rear_axle: _Vector | None = ...,
         initial_gyro_bias_std: float = ...,
         initial_accel_bias_std: float = ...,
         latitude: float | None = ...,
         gravity_std: float = ...,
+        earth_rotation: bool = ...,
+        find_standstill: bool = ...,
         gyro_bias: _Vector = ...,
         accel_bias: _Vector = ...,
+        heading: float | None = ...,
+        heading_std: float = ...,
     ) -> None: ...
+    def update_wheel(self, speed: float) -> bool: ...
     @property
     def innovation_ratio(self) -> float: ...
 
@@ -196,39 +194,9 @@ class PhasorF32(_Phasor): ...
 
 class SmootherF64:
     def __init__(self, forward: PhasorF64) -> None: ...
-    def run(
-        self,
-        time: FloatArray,
-        gyro: FloatArray,
-        accel: FloatArray,
-        gnss_time: FloatArray,
-        velocity_ned: FloatArray,
-        velocity_std: FloatArray,
-        gyro_bias: FloatArray,
-        accel_bias: FloatArray,
-        attitude: FloatArray,
-        velocity: FloatArray,
-        status: StatusArray,
-        gyro_bias_std: FloatArray,
-        accel_bias_std: FloatArray,
-        attitude_std: FloatArray,
-        /,
-    ) -> int: ...
-    def smoothed_start(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None: ...
-    def retrace(
-        self,
-        time: FloatArray,
-        gyro: FloatArray,
-        accel: FloatArray,
-        gyro_bias: FloatArray,
-        accel_bias: FloatArray,
-        attitude: FloatArray,
-        velocity: FloatArray,
-        gyro_bias_std: FloatArray,
-        accel_bias_std: FloatArray,
-        attitude_std: FloatArray,
-        /,
-    ) -> None: ...
+    def run(self, imu: ImuArrays, gnss: GnssArrays, out: OutArrays, /) -> int: ...
+    def smoothed_start(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float] | None: ...
+    def retrace(self, imu: ImuArrays, out: OutArrays, /) -> None: ...
     @property
     def raw_events(self) -> list[tuple[str, int, float, float]]: ...
     @property

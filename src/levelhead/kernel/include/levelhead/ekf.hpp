@@ -20,6 +20,7 @@ struct EkfParams {
     S velocity_std;              // where a fix does not tell, m/s
     S initial_gyro_bias_std, initial_accel_bias_std;  // rad/s, m/s^2
     S latitude;                  // rad; NaN: the Earth's rotation is left out
+    S position_std, timing_std;  // where a fix does not tell, m; of its stamp: along the way it is off by so much, s
 };
 
 // Where each error lies in the state vector; error = estimate - truth, attitude as C_hat = (I + [theta x]) C.
@@ -72,11 +73,13 @@ struct Ekf {
     using Scalar = S;
     using Params = EkfParams<S>;
     static constexpr int n = ekf_states;
-    static constexpr bool vertical_accel_bias = true;
+    static constexpr bool vertical_accel_bias = true, takes_positions = true, takes_wheels = false;
 
     PlatformState<S> platform;
     Vec3<S> gyro_bias, accel_bias;
-    Vec3<S> position;  // local NED from the first fix; integrated, never corrected directly, m
+    Geodetic place;    // at the last epoch
+    Vec3<S> way;       // made since then, m
+    S tracked;         // flag: positions have been seen, the position is more than the way made
     Vec3<S> coriolis;  // see FrameRate
     S elapsed;         // since the last epoch, s
     S turning;         // integral of the squared yaw rate, rad^2/s
@@ -114,13 +117,21 @@ struct Ekf {
         return platform.velocity_ned + platform.delta_velocity + steady * since_epoch;
     }
 
+    uint32_t manner() const { return 0u; }
+
+    Geodetic position() const { return moved(place, widened(way)); }  // unknown where the place is
+
     Sigma<S> sigma() const {
         const Directions d = directions();
+        const S unknown = S(NAN);
         const S heading = platform.heading_known > S(0.5) ? spread(ekf_attitude, d.heading_error) : S(pi);
         const auto axis = [this](int i, S more) { return square_root(maximum(covariance[i][i] + more, S(0))); };
         return {{axis(ekf_gyro_bias, unseen_rate2), axis(ekf_gyro_bias + 1, unseen_rate2), axis(ekf_gyro_bias + 2, unseen_rate2)},
                 {axis(ekf_accel_bias, S(0)), axis(ekf_accel_bias + 1, S(0)), axis(ekf_accel_bias + 2, S(0))},
-                {spread(ekf_attitude, d.roll_error), spread(ekf_attitude, d.pitch_error), heading}};
+                {spread(ekf_attitude, d.roll_error), spread(ekf_attitude, d.pitch_error), heading},
+                {axis(ekf_velocity, S(0)), axis(ekf_velocity + 1, S(0)), axis(ekf_velocity + 2, S(0))},
+                tracked > S(0.5) ? Vec3<S>{axis(ekf_position, S(0)), axis(ekf_position + 1, S(0)), axis(ekf_position + 2, S(0))}
+                                 : Vec3<S>{unknown, unknown, unknown}};
     }
 
     uint32_t settled() const {
@@ -138,7 +149,7 @@ struct Ekf {
         advance(platform, dt, gyro - gyro_bias, accel - accel_bias, before.z);
         elapsed = elapsed + dt;
         if (platform.aligned > S(0.5)) {
-            position = position + (v + velocity(k, elapsed)) * (S(0.5) * dt);
+            way = way + (v + velocity(k, elapsed)) * (S(0.5) * dt);
             const Dcm<S>& after = platform.dcm_body_to_ned;
             const Dcm<S> mean = {(before.x + after.x) * S(0.5), (before.y + after.y) * S(0.5), (before.z + after.z) * S(0.5)};
             predict(k, dt, mean, platform.delta_velocity - gained);
@@ -151,6 +162,7 @@ struct Ekf {
         Fix<S> fix = reported;
         const auto known = [&k](S std) { return std == std ? std : k.velocity_std; };
         fix.std = {known(fix.std.x), known(fix.std.y), known(fix.std.z)};
+        if (!fix.has_velocity) return position_alone(k, fix);
         const S heading_before = heading(platform.dcm_body_to_ned);
         const Sighting<S> e = sight(platform, k.platform, fix);
         Vec3<S> v = e.velocity;
@@ -168,6 +180,7 @@ struct Ekf {
                 reset_velocity(fix.std);
             }
         }
+        if (e.was_aligned || e.aligned_now) locate(k, fix, v);
         // Until then "North" is wherever the platform points, exactly; it is no error that velocities at rest could show.
         if (!(platform.heading_known > S(0.5))) clear(ekf_attitude + 2, S(0));
         begin_interval(platform, e, v);
@@ -220,7 +233,9 @@ struct Ekf {
     }
 
     void forget_motion() {
-        position = coriolis = {S(0), S(0), S(0)};
+        way = coriolis = {S(0), S(0), S(0)};
+        place = {NAN, NAN, NAN};
+        tracked = S(0);
         elapsed = unseen_rate2 = S(0);
         for (int i = 0; i < 3; ++i) {
             clear(ekf_position + i, S(0));
@@ -327,7 +342,7 @@ struct Ekf {
 
     // Take the estimated errors out.
     void feed_back(const S (&error)[ekf_states], Vec3<S>& v) {
-        position = position - get3(error + ekf_position);
+        way = way - get3(error + ekf_position);
         v = v - get3(error + ekf_velocity);
         platform.dcm_body_to_ned = rotated_in_ned(platform.dcm_body_to_ned, get3(error + ekf_attitude) * S(-1));
         gyro_bias = gyro_bias - get3(error + ekf_gyro_bias);
@@ -356,6 +371,60 @@ struct Ekf {
             update(h[i], z[i], std[i] * std[i], error);
         }
         feed_back(error, v);
+    }
+
+    // A position of the antenna, p + C l: at first, and before the heading is known, it is taken; then it is measured, along
+    // the way, across it and down.
+    void locate(const Params& k, const Fix<S>& fix, Vec3<S>& v) {
+        const Vec3<S> arm = platform.dcm_body_to_ned * k.platform.lever_arm;
+        if (fix.has_position) {
+            const auto known = [&k](S std) { return std == std ? std : k.position_std; };
+            const S std[3] = {known(fix.position_std.x), known(fix.position_std.y), known(fix.position_std.z)};
+            if (tracked > S(0.5) && platform.heading_known > S(0.5)) {
+                correct_position(k, fix, arm, std, v);
+            } else {
+                place = moved(fix.position, widened(arm * S(-1)));
+                way = {S(0), S(0), S(0)};
+                tracked = S(1);
+                for (int i = 0; i < 3; ++i) clear(ekf_position + i, std[i] * std[i]);
+            }
+        }
+        if (tracked > S(0.5)) place = moved(place, widened(way));
+        way = {S(0), S(0), S(0)};
+    }
+
+    void correct_position(const Params& k, const Fix<S>& fix, const Vec3<S>& arm, const S (&std)[3], Vec3<S>& v) {
+        const Vec3<S> off = narrowed<S>(offset_ned(fix.position, moved(place, widened(way)))) + arm;
+        const S speed = square_root(v.x * v.x + v.y * v.y), level = square_root(S(0.5) * (std[0] * std[0] + std[1] * std[1]));
+        const S north = speed > S(0.1) ? v.x / speed : S(1), east = speed > S(0.1) ? v.y / speed : S(0), late = k.timing_std;
+        const Vec3<S> ways[3] = {{north, east, S(0)}, {-east, north, S(0)}, {S(0), S(0), S(1)}};
+        const S variance[3] = {level * level + late * late * speed * speed, level * level, std[2] * std[2] + late * late * v.z * v.z};
+        S lever[3][ekf_states] = {}, error[ekf_states] = {};
+        add_skew(lever, 0, ekf_attitude, arm, S(-1));
+        for (int i = 0; i < 3; ++i) {
+            S h[ekf_states] = {};
+            set3(h + ekf_position, ways[i]);
+            for (int j = 0; j < 3; ++j)
+                h[ekf_attitude + j] = ways[i].x * lever[0][ekf_attitude + j] + ways[i].y * lever[1][ekf_attitude + j] +
+                                      ways[i].z * lever[2][ekf_attitude + j];
+            update(h, dot(ways[i], off), variance[i], error);
+        }
+        feed_back(error, v);
+    }
+
+    // Start-up needs velocities; after it a position serves by itself.
+    Interval<S> position_alone(const Params& k, const Fix<S>& fix) {
+        Interval<S> out{};
+        if (!(platform.heading_known > S(0.5))) return out;
+        const S rate = S(1) / maximum(elapsed, S(1e-6));
+        turning = minimum(turning + platform.turn * platform.turn * rate, S(1e3));
+        Vec3<S> v = velocity(k, elapsed);
+        locate(k, fix, v);
+        Sighting<S> e{};
+        begin_interval(platform, e, v);
+        elapsed = S(0);
+        feel_the_earth(k);
+        return out;
     }
 
     // The course is the heading, or the opposite in reverse.

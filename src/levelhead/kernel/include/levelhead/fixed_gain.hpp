@@ -14,6 +14,7 @@ struct FixedGain {
     Vec3<S> gyro_bias, accel_bias;
     Excitation<S> excitation;
 
+    static constexpr bool takes_positions = false, takes_wheels = false;
     static constexpr bool vertical_accel_bias = false;  // level driving teaches nothing about the vertical one
 
     template <class Params>
@@ -41,10 +42,13 @@ struct FixedGain {
         return current_velocity(platform, k.platform.gravity, since_epoch);
     }
 
+    // Status bits of how the vehicle is found to move.
+    uint32_t manner() const { return 0u; }
+
     Sigma<S> sigma() const {
         const S unknown = S(NAN);
         const Vec3<S> v = {unknown, unknown, unknown};
-        return {v, v, v};
+        return {v, v, v, v, v};
     }
 };
 

@@ -1,85 +1,66 @@
-// The phasor filter: a Kalman filter whose horizontal half is four complex numbers. Between epochs only the attitude and
-// the velocity are integrated; the covariance moves once per GNSS interval. Heading (with the vertical gyro bias) and
-// vertical velocity (with the vertical accelerometer bias) are two real pairs of their own. docs/theory/phasor.md
+// The phasor filter: a Kalman filter whose horizontal half is four complex numbers, five with positions. Between epochs only
+// the attitude, the velocity and the way made are integrated; the covariance moves once per GNSS interval. Heading (with the
+// vertical gyro bias) is a real pair of its own, the vertical are three real numbers. docs/theory/phasor.md
+//
+// As long as nothing has a direction (velocities, rest) one Hermitian covariance is all. Positions, wheels and an axle that
+// does not slide have one; from the first of them on the directed moments are carried besides ("directed").
 #ifndef LEVELHEAD_PHASOR_HPP
 #define LEVELHEAD_PHASOR_HPP
 
 #include "earth.hpp"
-#include "phasor_model.hpp"
+#include "joint.hpp"
 #include "platform.hpp"
 #include "settled.hpp"
+#include "phasor_navigate.hpp"
+#include "phasor_params.hpp"
+#include "standstill.hpp"
 
 namespace levelhead {
 
-template <class S>
-struct PhasorParams {
-    PlatformParams<S> platform;  // of which tau and tau_heading are not used
-    PhasorNoise<S> noise;
-    S velocity_std;                // where the fix tells none, m/s
-    S sideslip_std;                // between course and heading, rad; it stays for sideslip_time
-    S axle_std;                    // how far the IMU can be from where course and heading agree in a turn, m
-    S initial_gyro_bias_std, initial_accel_bias_std;
-    S latitude;                    // rad; NaN: unknown, then the Earth's rotation is not compensated
-    S gravity_std;                 // shown in the sigma of the vertical accelerometer bias only, m/s^2
-};
-
-// A little below one second, so that float and double agree on when a second of samples is over.
-constexpr double longest_step = 0.999;         // the covariance moves at least this often, s ...
-constexpr double largest_turn = 0.35;          // ... and at least once per such a turn: within it the rate counts as even, rad
-// An unknown heading has no variance; this one is large enough that the first course says nothing about the gyro bias, however
-// long the vehicle has stood before, rad^2.
-constexpr double unknown_heading_var = 1e6;
-constexpr double least_velocity_std = 1e-4, most_velocity_std = 1e3;  // what a fix may claim of itself, m/s
-
-constexpr double gate_pair = 16.0;     // squared normalised horizontal innovation: one in 3000 is above it by chance
-constexpr double gate_one = 14.0;      // the same for one real innovation: one in 5000
-constexpr double sideslip_time = 2.0;  // how long a sideslip stays, s
-
 // Listens to the filter; this one does nothing and costs nothing.
 struct NoRecorder {
+    static constexpr bool listening = false;
     template <class Filter, class S>
-    void moved(const Filter&, const Transition<S>&, const Complex<S>&, S, bool) {}
+    void moved(const Filter&, const Transition<S>&, const HeadingShare<S>&, S, S, const LiftStep<S>&) {}
     template <class S>
-    void corrected(const PhasorVector<S>&, const HeadingGain<S>&, S, const Complex<S>&) {}
+    void observed(const Observation<S>&) {}
     template <class S>
-    void turned(const PairGain<S>&, S, S) {}
-    template <class S>
-    void lifted(const PairGain<S>&, S, S) {}
+    void lifted(const LiftObservation<S>&) {}
     template <class Filter>
     void done(const Filter&) {}
 };
-
-// Variances in the level frame, horizontal (the same for all directions) and vertical, as sigmas of what is shown.
-template <class S>
-Sigma<S> level_sigma(const Vec3<S>& down_body, S gyro, S gyro_down, S accel, S accel_down, S tilt, S heading) {
-    const Vec3<S>& d = down_body;
-    const auto body = [&](S level, S down) {
-        const auto axis = [&](S z) { return square_root(level + (down - level) * z * z); };
-        return Vec3<S>{axis(d.x), axis(d.y), axis(d.z)};
-    };
-    const S cos2 = maximum(S(1) - d.x * d.x, S(1e-6));  // of the pitch
-    return {body(gyro, gyro_down), body(accel, accel_down),
-            {square_root(tilt / cos2), square_root(tilt), square_root(heading + tilt * d.x * d.x / cos2)}};
-}
 
 template <class S, class Recorder = NoRecorder>
 struct Phasor {
     using Scalar = S;
     using Params = PhasorParams<S>;
-    static constexpr bool vertical_accel_bias = true;
+    static constexpr bool vertical_accel_bias = true, takes_positions = true, takes_wheels = true;
 
     PlatformState<S> platform;  // its velocity_ned and delta_velocity are the filter's own
     Vec3<S> gyro_bias, accel_bias;
     PhasorCovariance<S> horizontal;
-    PairCovariance<S> turning, lifting;  // heading & vertical gyro bias; vertical velocity & accelerometer bias
-    HeadingShare<S> share;               // of the first pair's errors in the four, on top of their covariance
+    PhasorDirection<S> direction;
+    PairCovariance<S> turning;           // heading & vertical gyro bias
+    LiftCovariance<S> lifting;           // vertical velocity & accelerometer bias & position
+    HeadingShare<S> share;               // of the heading pair's errors in the others, on top of their covariance
     Complex<S> azimuth;                  // e^{i alpha}: the level frame's x axis in North + i East
+    Geodetic place;                      // of the IMU when the covariance last moved
+    Vec3<S> shift;                       // since then: integral of delta_velocity, m
+    S tracked, directed;                 // flags: the position is estimated; the directed moments are carried
     S elapsed;                           // since the covariance moved, s
     S gap_tilt, gap_velocity;            // variances to add for bridged IMU gaps
     S yaw_rate;                          // over the last interval, rad/s
     S turned;                            // integral of the squared yaw rate, rad^2/s
     S surprise, surprises;               // mean of the squared normalised innovations, and how many went into it
-    S gravity_var;
+    S gravity_var, gravity;              // gravity: the parameter's, or the place's
+    S latitude_felt;                     // the parameter's, or the place's; NaN: the Earth's rotation is not compensated
+    Anchor<S> anchor;                    // a position that start-up takes its velocities from
+    Standstill<S> rest;
+    S rested, jumps;                     // seconds found at rest; how often the position began anew
+    S since_steered, since_constrained;  // since course or axle last corrected the heading, and the axle, s
+    S implausible;                       // for how long positions have been far away, s
+    S wheel_speed, wheel_scale, wheel_scale_var;  // the last reading (NaN: used up); speed over reading, and its variance
+    S started;                           // flag: the heading that the user knew has been used
     Recorder recorder;
 
     void begin(const Params& k) {
@@ -88,8 +69,15 @@ struct Phasor {
         horizontal.aa = lifting.bb = a;
         turning.xx = S(unknown_heading_var);
         azimuth = {S(1), S(0)};
-        surprise = S(1);
+        surprise = wheel_scale = S(1);
+        wheel_scale_var = S(wheel_scale_std * wheel_scale_std);
         gravity_var = k.gravity_std * k.gravity_std;
+        gravity = k.platform.gravity;
+        latitude_felt = latitude(k);
+        place = anchor.place = {NAN, NAN, NAN};
+        wheel_speed = S(NAN);
+        since_steered = since_constrained = S(1e9);
+        directed = k.constrained ? S(1) : S(0);
     }
 
     // The biases have wandered on while nobody looked.
@@ -99,16 +87,25 @@ struct Phasor {
         turning.bb = turning.bb + k.noise.gyro_walk * lost;
         horizontal.aa = horizontal.aa + k.noise.accel_walk * lost;
         lifting.bb = lifting.bb + k.noise.accel_walk * lost;
+        anchor = {{NAN, NAN, NAN}, S(0), S(0)};
+        rest.clear();
+        rest.still = tracked = S(0);
+        since_steered = S(1e9);
     }
 
     void bridged(S gap, const Vec3<S>& gyro_change, const Vec3<S>& accel_change) {
         const HiddenMotion<S> hidden = hidden_motion(gap, gyro_change, accel_change);
         gap_tilt = gap_tilt + hidden.tilt;
         gap_velocity = gap_velocity + hidden.velocity;
+        rest.clear();
     }
 
-    LEVELHEAD_HOT void step(const Params&, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
-        advance(platform, dt, gyro - gyro_bias, accel - accel_bias, platform.dcm_body_to_ned.z);
+    LEVELHEAD_HOT void step(const Params& k, S dt, const Vec3<S>& gyro, const Vec3<S>& accel) {
+        const Vec3<S> before = platform.delta_velocity, w = gyro - gyro_bias, f = accel - accel_bias;
+        advance(platform, dt, w, f, platform.dcm_body_to_ned.z);
+        if (tracked > S(0.5)) shift = shift + (before + platform.delta_velocity) * (S(0.5) * dt);
+        if (k.find_rest) rest.add(w, f, dt);
+        if (!(platform.aligned > S(0.5))) anchor.age = anchor.age + dt;
         elapsed = elapsed + dt;
     }
 
@@ -116,25 +113,211 @@ struct Phasor {
     LEVELHEAD_HOT void tick(const Params& k) {
         if ((elapsed >= S(longest_step) || absolute(platform.turn) > S(largest_turn)) && platform.aligned > S(0.5)) {
             move(k);
+            aid(k, k.constrained, false);
             recorder.done(*this);
         }
     }
 
     double longest(const Params&) const { return max_interval; }
 
-    Vec3<S> velocity(const Params& k, S) const {
-        return current_velocity(platform, k.platform.gravity, elapsed);
+    Vec3<S> velocity(const Params&, S) const { return current_velocity(platform, gravity, elapsed); }
+
+    // Where the IMU is now.
+    Geodetic position() const {
+        if (!(tracked > S(0.5))) return {NAN, NAN, NAN};
+        return levelhead::moved(place, widened(way(elapsed)));
     }
 
-    Interval<S> epoch(const Params& k, const Fix<S>& fix) {
+    Interval<S> epoch(const Params& k, const Fix<S>& given) {
         Interval<S> out{};
-        out.length = fix.length;
+        out.length = given.length;
+        Fix<S> fix = given;
+        if (fix.has_position) know_gravity(k, fix.position);
         if (platform.aligned > S(0.5)) move(k);
+        const bool heading = platform.heading_known > S(0.5);
+        if (!fix.has_velocity && !heading && !from_positions(k, fix)) {
+            if (platform.aligned > S(0.5)) {
+                aid(k, false, false);
+                recorder.done(*this);
+            } else if (anchor.age > S(0)) {
+                out.waiting = S(1);
+            } else {  // the first position of all: the interval begins here, without a velocity
+                platform.delta_velocity = {S(0), S(0), S(0)};
+                platform.turn = platform.have_velocity = S(0);
+            }
+            return out;
+        }
+        if (fix.has_velocity) {
+            meet(k, fix, out);
+        } else {
+            navigate(k, fix);
+        }
+        return out;
+    }
+
+    uint32_t settled() const {
+        return settled_bits(square_root(horizontal.gg), square_root(horizontal.aa), square_root(turning.bb),
+                            square_root(turning.xx), turned > S(enough_turning));
+    }
+
+    uint32_t manner() const {
+        return (rest.still > S(0.5) ? STATIONARY : 0u) | (since_steered < S(steer_memory) && platform.heading_known > S(0.5) ? COURSE : 0u);
+    }
+
+    void wheel(const Params&, S speed) { wheel_speed = speed; }
+
+    Sigma<S> sigma() const { return shown_sigma(*this); }
+
+    // ---- the steps, public for what reads them: the navigator's part below, the smoother, tests ----
+
+    Complex<S> to_level(S north, S east) const { return conj(azimuth) * Complex<S>{north, east}; }
+
+    // Take what a measurement found off the state.
+    void apply(const PhasorVector<S>& x, S turn, S turn_bias) {
+        PlatformState<S>& p = platform;
+        const Complex<S> nu = azimuth * x.n, theta = azimuth * x.t;
+        p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, S(0)};
+        add_bias(gyro_bias, x.g, turn_bias);
+        add_bias(accel_bias, x.a, S(0));
+        if (tracked > S(0.5)) {
+            const Complex<S> way = azimuth * x.p;
+            place = levelhead::moved(place, {double(-way.re), double(-way.im), 0.0});
+        }
+        p.dcm_body_to_ned = rotated_in_ned(p.dcm_body_to_ned, {-theta.re, -theta.im, -turn});
+        turn_azimuth(-turn);
+    }
+
+    Observation<S> measured(const Row<S>& row, S error, S variance) {
+        const Observation<S> o = levelhead::observe(horizontal, direction, turning, share, row, error, variance);
+        recorder.observed(o);
+        return o;
+    }
+
+    void take(const Row<S>& row, S error, S variance) {
+        const Observation<S> o = measured(row, error, variance);
+        apply(o.correction(), o.turn.x * error, o.turn.b * error);
+    }
+
+    // Two components of one horizontal measurement, corrected at once; the second has been told something by the first.
+    void take(const Row<S>& first, const Row<S>& second, S error, S other_error, S variance, S other_variance) {
+        const Observation<S> a = measured(first, error, variance);
+        const S told = (inner(second.x, a.gain).re + second.turn * a.turn.x + second.bias * a.turn.b) * error;
+        const Observation<S> b = measured(second, other_error - told, other_variance);
+        apply(a.correction() + b.correction(), a.turn.x * a.error + b.turn.x * b.error, a.turn.b * a.error + b.turn.b * b.error);
+        // Nothing but rounding is left of a direction where both components had the same variance.
+        if (!(directed > S(0.5))) direction = PhasorDirection<S>{};
+    }
+
+    S spread(const Row<S>& row, S variance) const { return expected(horizontal, direction, turning, share, row, variance); }
+
+    void lift(const LiftVector<S>& row, S error, S variance) {
+        const LiftObservation<S> o = levelhead::observe(lifting, row, error, variance);
+        recorder.lifted(o);
+        platform.velocity_ned.z = platform.velocity_ned.z - o.gain.v * error;
+        add_bias(accel_bias, {S(0), S(0)}, o.gain.b * error);
+        if (tracked > S(0.5)) place = levelhead::moved(place, {0.0, 0.0, double(-o.gain.d * error)});
+    }
+
+    // From here on what has a direction is told apart.
+    void direct() { directed = S(1); }
+
+  private:
+    S latitude(const Params& k) const {
+        if (!k.feel_earth) return S(NAN);
+        return k.latitude == k.latitude ? k.latitude : S(place.latitude);
+    }
+
+    void know_gravity(const Params& k, const Geodetic& at) {
+        if (k.feel_earth && k.platform.gravity == S(standard_gravity)) gravity = S(normal_gravity(at.latitude, at.height));
+    }
+
+    // The way made since the covariance moved, t ago, m.
+    Vec3<S> way(S t) const { return platform.velocity_ned * t + shift + Vec3<S>{S(0), S(0), S(0.5) * gravity * t * t}; }
+
+    // Bring velocity, position and covariance up to now.
+    void move(const Params& k) {
+        PlatformState<S>& p = platform;
+        const S t = elapsed, phi = p.turn;
+        // What carries the tilt into the velocity is the mean vertical force; a bump moves it, bad data must not.
+        const S force = t > S(0) ? clamp(-p.delta_velocity.z / t, S(0.5) * gravity, S(2) * gravity) : gravity;
+        const Vec3<S> dv = p.delta_velocity, made = way(t), gained = p.velocity_ned + dv + Vec3<S>{S(0), S(0), gravity * t};
+        p.velocity_ned = gained;
+        feel_the_earth(k, t);
+        turn_azimuth(phi);
+        const bool positions = tracked > S(0.5), both = directed > S(0.5);
+        Transition<S> f = transition(t, phi, force);
+        if (positions) {
+            place = levelhead::moved(place, widened(made + (p.velocity_ned - gained) * (S(0.5) * t)));
+            know_gravity(k, place);
+            add_position(f, t, phi, force);
+            propagate_position(horizontal, f);
+            if (both) propagate_position(direction, f);
+        }
+        propagate(horizontal, f);
+        if (both) propagate(direction, f);
+        // A heading that is not known has no small error that could be estimated.
+        Complex<S> push = {S(0), S(0)};
+        if (p.heading_known > S(0.5)) push = times_i(to_level(dv.x, dv.y));
+        const HeadingShare<S> pushes = pushed(push, t, positions);
+        const auto add = [&](const PhasorVector<S>& v, S variance) {
+            add_seen(horizontal, v, variance);
+            if (both) add_seen(direction, v, variance);
+        };
+        propagate(turning, share, add, f, pushes, t, k.noise.gyro * t + gap_tilt, k.noise.gyro_walk);
+        if (positions) add_position_noise(horizontal, k.noise, t, force);
+        add_noise(horizontal, k.noise, t, force);
+        horizontal.tt = horizontal.tt + gap_tilt;
+        horizontal.nn = horizontal.nn + gap_velocity;
+        propagate(lifting, t, k.noise.accel, k.noise.accel_walk, positions);
+        lifting.vv = lifting.vv + gap_velocity;
+        // A tick may have come at the very epoch: nothing has moved since, and the yaw rate is still what it was.
+        if (t > S(0)) {
+            yaw_rate = phi / t;
+            turned = minimum(turned + phi * yaw_rate, S(1e3));
+        }
+        since_steered = minimum(since_steered + t, S(1e9));
+        since_constrained = minimum(since_constrained + t, S(1e9));
+        anchor.age = anchor.age + t;
+        anchor.turn = anchor.turn + phi;
+        recorder.moved(*this, f, pushes, t, S(1), LiftStep<S>{t, S(1), positions ? S(1) : S(0)});
+        elapsed = gap_tilt = gap_velocity = p.turn = S(0);
+        p.delta_velocity = shift = {S(0), S(0), S(0)};
+    }
+
+    void turn_azimuth(S angle) {
+        const RotationCoefficients<S> r = rotation_coefficients(angle * angle);
+        const Complex<S> u = azimuth * Complex<S>{S(1) - angle * angle * r.b, angle * r.a};
+        azimuth = u * (S(1.5) - S(0.5) * norm2(u));  // one Newton step towards |u| = 1
+    }
+
+    // Coriolis acceleration over the time t, and the rate for the platform to turn at from here on. Before the heading is
+    // known nobody knows where North is, and only the vertical part can be taken off.
+    void feel_the_earth(const Params& k, S t) {
+        latitude_felt = latitude(k);
+        const FrameRate<S> rate = frame_rate(latitude_felt, platform.velocity_ned);
+        const auto known = platform.heading_known > S(0.5);
+        platform.velocity_ned = platform.velocity_ned - cross(rate.coriolis, platform.velocity_ned) * select(known, t, S(0));
+        platform.control_rate_ned = select(known, rate.turn, Vec3<S>{S(0), S(0), rate.turn.z});
+        platform.hold = S(1e9);
+    }
+
+    // A level-frame bias (horizontal, down) as seen by the body's axes.
+    void add_bias(Vec3<S>& bias, const Complex<S>& level, S down) const {
+        const Complex<S> ned = azimuth * level;
+        bias = bias + transposed_times(platform.dcm_body_to_ned, {ned.re, ned.im, down});
+    }
+
+    // ---- what an epoch with a velocity does ----
+
+    void meet(const Params& k, const Fix<S>& fix, Interval<S>& out) {
         // The level frame's x axis, seen from the body: it stays there while the platform is turned to the first course.
         const Vec3<S> axis = transposed_times(platform.dcm_body_to_ned, {azimuth.re, azimuth.im, S(0)});
         const S heading_before = heading(platform.dcm_body_to_ned);
-        const Sighting<S> e = sight(platform, k.platform, fix);
+        PlatformParams<S> here = k.platform;
+        here.gravity = gravity;
+        const Sighting<S> e = sight(platform, here, fix);
         out.waiting = select(e.waiting, S(1), S(0));
+        if (k.find_rest) rest.see(e.velocity, square_root(velocity_variance(k, horizontal_std(fix.std))));
         if (e.was_aligned) {
             if (e.turned_now) {
                 azimuth = {dot(platform.dcm_body_to_ned.x, axis), dot(platform.dcm_body_to_ned.y, axis)};
@@ -147,116 +330,107 @@ struct Phasor {
                 recorder.done(*this);
                 take_velocity(k, e.velocity, fix);
             }
+            locate(*this, k, fix);
+            aid(k, k.constrained, true);
         } else if (e.aligned_now) {
-            align_covariance(k, e, fix);
+            align_covariance(k, e, fix, known_heading(k, e));
+            locate(*this, k, fix);
         }
         begin_interval(platform, e, platform.aligned > S(0.5) ? platform.velocity_ned : e.velocity);
         if (e.was_aligned || e.aligned_now) recorder.done(*this);
-        return out;
     }
 
-    uint32_t settled() const {
-        return settled_bits(square_root(horizontal.gg), square_root(horizontal.aa), square_root(turning.bb),
-                            square_root(turning.xx), turned > S(enough_turning));
+    // The heading that the user knew serves once, where the course tells none.
+    bool known_heading(const Params& k, const Sighting<S>& e) {
+        const bool use = !e.trusted && !(started > S(0.5)) && k.heading == k.heading;
+        started = S(1);
+        if (!use) return false;
+        platform.dcm_body_to_ned = turned_about_vertical(platform.dcm_body_to_ned, wrap_angle(k.heading - heading(platform.dcm_body_to_ned)));
+        platform.heading_known = S(1);
+        return true;
     }
 
-    Sigma<S> sigma() const {
-        const S any_angle = S(pi * pi), heading = platform.heading_known > S(0.5) ? turning.xx : any_angle;
-        Sigma<S> out = level_sigma(platform.dcm_body_to_ned.z, horizontal.gg + shared_variance(turning, share.x.g, share.b.g), turning.bb,
-                           horizontal.aa + shared_variance(turning, share.x.a, share.b.a), lifting.bb + gravity_var,
-                           horizontal.tt + shared_variance(turning, share.x.t, share.b.t), heading);
-        if (!(platform.aligned > S(0.5))) out.attitude = {S(pi), S(pi), S(pi)};
-        return out;
+    // An epoch with a position only: the heading is known, the filter's own velocity does the rest.
+    void navigate(const Params& k, const Fix<S>& fix) {
+        locate(*this, k, fix);
+        aid(k, true, true);
+        platform.dcm_at_epoch = platform.dcm_body_to_ned;
+        recorder.done(*this);
     }
+
+    // Start-up from positions: a velocity from the way since the anchor, half of its turn later, and how wrong it can be.
+    bool from_positions(const Params& k, Fix<S>& fix) {
+        const Vec3<S> arm = platform.dcm_body_to_ned * k.platform.lever_arm;
+        const Geodetic imu = levelhead::moved(fix.position, widened(arm * S(-1)));
+        const S age = anchor.age, turn = anchor.turn + platform.turn;
+        const bool fresh = !known(anchor.place);
+        if (!fresh && age < S(align_time) * S(0.999)) return false;
+        const S length = maximum(age, S(1e-3));
+        const Vec3<S> mean = narrowed<S>(offset_ned(fresh ? imu : anchor.place, imu)) * (S(1) / length);
+        anchor = {imu, S(0), S(0)};
+        if (fresh) return false;
+        const Complex<S> later = Complex<S>{mean.x, mean.y} * Complex<S>{cosine(S(0.5) * turn), sine(S(0.5) * turn)};
+        fix.velocity = Vec3<S>{later.re, later.im, mean.z} + platform.dcm_body_to_ned * cross(platform.angular_rate, k.platform.lever_arm);
+        const S bend = S(0.5) * S(hidden_accel) * length, curve = S(0.25) * turn * turn * square_root(norm2(later));
+        const auto std = [&](S position_std) {
+            return square_root(S(2) * position_variance(k, position_std) / (length * length) + bend * bend + curve * curve);
+        };
+        const S level = std(horizontal_std(fix.position_std));
+        fix.std = {level, level, std(fix.position_std.z)};
+        fix.has_velocity = true;
+        return true;
+    }
+
+    // What needs no fix: rest, the axle that does not slide, the wheels. `gnss` tells whether an epoch has just been taken.
+    void aid(const Params& k, bool constrained, bool gnss) {
+        if (k.find_rest && rest.time >= S(rest_window)) rest_now(*this, k);
+        if (rest.still > S(0.5) || !(platform.heading_known > S(0.5))) return;
+        if (constrained) constrain(*this, k);
+        if (wheel_speed == wheel_speed) roll_on(*this, k, gnss);
+        wheel_speed = S(NAN);
+    }
+
+  public:
+    S velocity_variance(const Params& k, S std) const { return stated_variance(std, k.velocity_std, least_velocity_std, most_velocity_std); }
+    S position_variance(const Params& k, S std) const { return stated_variance(std, k.position_std, least_position_std, most_position_std); }
 
   private:
-    // Bring velocity and covariance up to now.
-    void move(const Params& k) {
-        PlatformState<S>& p = platform;
-        const S t = elapsed, phi = p.turn;
-        // What carries the tilt into the velocity is the mean vertical force; a bump moves it, bad data must not.
-        const S force = t > S(0) ? clamp(-p.delta_velocity.z / t, S(0.5) * k.platform.gravity, S(2) * k.platform.gravity) : k.platform.gravity;
-        const Vec3<S> dv = p.delta_velocity;
-        p.velocity_ned = p.velocity_ned + dv + Vec3<S>{S(0), S(0), k.platform.gravity * t};
-        feel_the_earth(k, t);
-        turn_azimuth(phi);
-        const Transition<S> f = transition(t, phi, force);
-        propagate(horizontal, f);
-        // A heading that is not known has no small error that could be estimated.
-        Complex<S> push = {S(0), S(0)};
-        if (p.heading_known > S(0.5)) push = times_i(to_level(dv.x, dv.y));
-        propagate(turning, share, horizontal, f, push, t, k.noise.gyro * t + gap_tilt, k.noise.gyro_walk);
-        add_noise(horizontal, k.noise, t, force);
-        horizontal.tt = horizontal.tt + gap_tilt;
-        horizontal.nn = horizontal.nn + gap_velocity;
-        propagate(lifting, t, k.noise.accel, k.noise.accel_walk);
-        lifting.xx = lifting.xx + gap_velocity;
-        // A tick may have come at the very epoch: nothing has moved since, and the yaw rate is still what it was.
-        if (t > S(0)) {
-            yaw_rate = phi / t;
-            turned = minimum(turned + phi * yaw_rate, S(1e3));
-        }
-        recorder.moved(*this, f, push, t, false);
-        elapsed = gap_tilt = gap_velocity = p.turn = S(0);
-        p.delta_velocity = {S(0), S(0), S(0)};
-    }
-
-    void turn_azimuth(S angle) {
-        const RotationCoefficients<S> r = rotation_coefficients(angle * angle);
-        const Complex<S> u = azimuth * Complex<S>{S(1) - angle * angle * r.b, angle * r.a};
-        azimuth = u * (S(1.5) - S(0.5) * norm2(u));  // one Newton step towards |u| = 1
-    }
-
-    // Coriolis acceleration over the time t, and the rate for the platform to turn at from here on. Before the heading is
-    // known nobody knows where North is, and only the vertical part can be taken off.
-    void feel_the_earth(const Params& k, S t) {
-        const FrameRate<S> rate = frame_rate(k.latitude, platform.velocity_ned);
-        const auto known = platform.heading_known > S(0.5);
-        platform.velocity_ned = platform.velocity_ned - cross(rate.coriolis, platform.velocity_ned) * select(known, t, S(0));
-        platform.control_rate_ned = select(known, rate.turn, Vec3<S>{S(0), S(0), rate.turn.z});
-        platform.hold = S(1e9);
-    }
-
-    S velocity_variance(const Params& k, S std) const {
-        const S known = std == std ? clamp(std, S(least_velocity_std), S(most_velocity_std)) : k.velocity_std;
-        return known * known;
-    }
-
-    Complex<S> to_level(S north, S east) const { return conj(azimuth) * Complex<S>{north, east}; }
-
     // After levelling, what the accelerometers read amiss is in the tilt: theta = i (mean of beta_a - dn/T) / g, plus what the
     // gyro bias has turned since. In a turn the mean of a bias is not the bias: the integrals are those of a transition.
-    void align_covariance(const Params& k, const Sighting<S>& e, const Fix<S>& fix) {
+    void align_covariance(const Params& k, const Sighting<S>& e, const Fix<S>& fix, bool told) {
         PhasorCovariance<S>& p = horizontal;
-        const S over_g = S(1) / k.platform.gravity, half = S(0.5) * fix.length;
-        const Transition<S> through = transition(fix.length, platform.turn, k.platform.gravity);
+        const S over_g = S(1) / gravity, half = S(0.5) * fix.length;
+        const Transition<S> through = transition(fix.length, platform.turn, gravity);
         const S r = velocity_variance(k, horizontal_std(fix.std));
         azimuth = {S(1), S(0)};
         yaw_rate = platform.turn * e.rate;
-        platform.turn = elapsed = gap_tilt = gap_velocity = S(0);
+        platform.turn = elapsed = gap_tilt = gap_velocity = tracked = S(0);
         platform.velocity_ned = e.velocity;
         feel_the_earth(k, S(0));
         Transition<S> f{};
         f.tg = times_i(conj(through.ng * conj(through.nn))) * (over_g * e.rate);
         f.ta = times_i(through.na) * (over_g * e.rate);
-        p.nn = S(0);
-        p.nt = p.ng = p.na = {S(0), S(0)};
-        p.tt = S(0);
-        p.tg = p.ta = {S(0), S(0)};
+        direction = PhasorDirection<S>{};
+        forget_motion(p);
         propagate(p, f);
-        turning.xx = e.trusted ? course_variance(k, e, fix, S(1)) : S(unknown_heading_var);
+        turning.xx = e.trusted ? course_variance(k, e, fix, S(1)) : told ? k.heading_std * k.heading_std : S(unknown_heading_var);
         turning.xb = S(0);
         // Levelling on an acceleration seen from a wrong heading tilts the platform: theta = -f psi / g.
         const Complex<S> lean = Complex<S>{e.gnss_force.x, e.gnss_force.y} * -over_g;
         p.tt = p.tt + (S(2) * r * e.rate * e.rate + k.noise.accel * e.rate) * over_g * over_g + k.noise.gyro * half +
-               (e.trusted ? S(0) : norm2(lean));
+               (e.trusted || told ? S(0) : norm2(lean));
         p.nn = r;
         p.nt = {S(0), r * e.rate * over_g};
         share = HeadingShare<S>{};
-        if (e.trusted) share.x.t = lean;
-        recorder.moved(*this, f, {S(0), S(0)}, fix.length, true);
-        lifting.xx = velocity_variance(k, fix.std.z);
-        lifting.xb = S(0);
+        if (e.trusted || told) share.x.t = lean;
+        recorder.moved(*this, f, HeadingShare<S>{}, fix.length, S(0), LiftStep<S>{S(0), S(0), S(0)});
+        lifting = {velocity_variance(k, fix.std.z), S(0), lifting.bb, S(0), S(0), S(0)};
+        if (e.trusted) since_steered = S(0);
+    }
+
+    static void forget_motion(PhasorCovariance<S>& p) {
+        p.nn = p.tt = p.pp = S(0);
+        p.nt = p.ng = p.na = p.tg = p.ta = p.np = p.tp = p.gp = p.ap = {S(0), S(0)};
     }
 
     // One look at the course: velocity noise, and how much the vehicle slides or swings. That stays for a while, so that
@@ -267,31 +441,34 @@ struct Phasor {
     }
 
     void take_velocity(const Params& k, const Vec3<S>& velocity, const Fix<S>& fix) {
+        const bool positions = tracked > S(0.5);
         Transition<S> f{};
-        f.tt = {S(1), S(0)};
+        f.tt = f.pp = {S(1), S(0)};
+        if (positions) propagate_position(horizontal, f);
         propagate(horizontal, f);
+        direction = PhasorDirection<S>{};  // before the heading is known nothing has a direction
         horizontal.nn = velocity_variance(k, horizontal_std(fix.std));
-        lifting.xx = velocity_variance(k, fix.std.z);
-        lifting.xb = S(0);
+        lifting.vv = velocity_variance(k, fix.std.z);
+        lifting.vb = lifting.dv = S(0);
         platform.velocity_ned = velocity;
         share.x.n = share.b.n = {S(0), S(0)};
-        recorder.moved(*this, f, {S(0), S(0)}, S(0), false);
+        recorder.moved(*this, f, HeadingShare<S>{}, S(0), S(1), LiftStep<S>{S(0), S(0), positions ? S(1) : S(0)});
     }
 
     // The first course; `angle` is what sight() has turned the heading by.
     void take_course(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S angle) {
-        const S r = course_variance(k, e, fix, S(1)), s = turning.xx + r;
-        recorder.turned(measure(turning, r), s, -angle);
+        const S r = course_variance(k, e, fix, S(1));
+        Observation<S> o{};
+        o.row.turn = S(1);
+        o.turn = measure(turning, r);
+        o.error = -angle;
+        o.left = r / o.turn.variance;
+        recorder.observed(o);
         share = HeadingShare<S>{};
+        since_steered = S(0);
         // Until now the Earth's horizontal rate had no direction and went into the gyro bias.
-        const Vec3<S> turn = frame_rate(k.latitude, platform.velocity_ned).turn;
+        const Vec3<S> turn = frame_rate(latitude(k), platform.velocity_ned).turn;
         horizontal.gg = horizontal.gg + S(0.5) * (turn.x * turn.x + turn.y * turn.y);
-    }
-
-    // A level-frame bias (horizontal, down) as seen by the body's axes.
-    void add_bias(Vec3<S>& bias, const Complex<S>& level, S down) const {
-        const Complex<S> ned = azimuth * level;
-        bias = bias + transposed_times(platform.dcm_body_to_ned, {ned.re, ned.im, down});
     }
 
     // Innovations beyond what chance allows are outliers: all of the fix is then trusted so much less that the worst of them
@@ -303,45 +480,82 @@ struct Phasor {
     }
 
     void correct(const Params& k, const Sighting<S>& e, const Fix<S>& fix) {
-        PlatformState<S>& p = platform;
-        const Vec3<S> error = p.velocity_ned - e.velocity;
+        const Vec3<S> error = platform.velocity_ned - e.velocity;
         const Complex<S> z = to_level(error.x, error.y);
-        const auto steer = e.knew_heading & e.trusted;
-        const S innovation = steer ? -course_innovation(p, steer, e.course) : S(0);
+        // An axle that does not slide tells more than the course does: the same, at the filter's own velocity.
+        const auto steer = e.knew_heading & e.trusted & !k.constrained;
+        const S innovation = steer ? -course_innovation(platform, steer, e.course) : S(0);
         const S r = velocity_variance(k, horizontal_std(fix.std)), r_down = velocity_variance(k, fix.std.z);
         const S looks = maximum(S(1), S(2.0 * sideslip_time) * e.rate);
         const S r_course = steer ? course_variance(k, e, fix, looks) : S(1);
         const S plain = horizontal.nn + r + shared_variance(turning, share.x.n, share.b.n);
-        const S f = doubt(z, plain, error.z, lifting.xx + r_down, innovation, turning.xx + r_course);
+        const S f = doubt(z, plain, error.z, lifting.vv + r_down, innovation, turning.xx + r_course);
         surprises = minimum(surprises + S(1), S(1e5));
         surprise = surprise + (S(0.5) * norm2(z) / (plain * f) - surprise) / surprises;
 
-        const S s = f * (horizontal.nn + r);
+        PhasorVector<S> x{};
+        S turn = S(0), turn_bias = S(0);
+        if (directed > S(0.5)) {
+            const S more = (f - S(1)) * plain;
+            Row<S> north{}, east{};
+            north.x.n = {S(1), S(0)};
+            east.x.n = {S(0), S(1)};
+            const Observation<S> a = measured(north, z.re, r + more), b = measured(east, z.im - a.gain.n.im * z.re, r + more);
+            x = a.correction() + b.correction();
+            turn = a.turn.x * a.error + b.turn.x * b.error;
+            turn_bias = a.turn.b * a.error + b.turn.b * b.error;
+        } else {
+            velocity_at_once(z, f * (horizontal.nn + r), x, turn, turn_bias);
+        }
+        if (steer) {
+            const S y = innovation - turn, r_doubted = r_course * f + (f - S(1)) * turning.xx;
+            Observation<S> o{};
+            o.row.turn = S(1);
+            o.turn = measure(turning, r_doubted);
+            o.gain = share.x * o.turn.x + share.b * o.turn.b;
+            o.error = y;
+            o.left = r_doubted / o.turn.variance;
+            recorder.observed(o);
+            x = x + o.correction();
+            turn = turn + o.turn.x * y;
+            turn_bias = turn_bias + o.turn.b * y;
+            since_steered = S(0);
+        }
+        // The vertical first: it belongs to the attitude that was.
+        lift({S(1), S(0), S(0)}, error.z, r_down * f + (f - S(1)) * lifting.vv);
+        apply(x, turn, turn_bias);
+    }
+
+    // Both components in one complex number, while nothing has a direction; `s` is the innovation variance without the pair's
+    // part. Adds to the corrections.
+    void velocity_at_once(const Complex<S>& z, S s, PhasorVector<S>& x, S& turn, S& turn_bias) {
         const PhasorVector<S> gain = measure_velocity(horizontal, s);
         const HeadingGain<S> aside = measure_velocity(turning, share, gain, s);
-        recorder.corrected(gain, aside, s, z);
-        S turn = inner(aside.x, z), turn_bias = inner(aside.b, z);
+        if constexpr (Recorder::listening) record_complex(gain, aside, s, z);
+        turn = inner(aside.x, z);
+        turn_bias = inner(aside.b, z);
+        // The five give up what the pair had put into them.
+        x = gain * z + share.x * turn + share.b * turn_bias;
+    }
 
-        const S lifted_r = r_down * f + (f - S(1)) * lifting.xx, s_down = f * (lifting.xx + r_down);
-        const PairGain<S> lift = measure(lifting, lifted_r);
-        recorder.lifted(lift, s_down, error.z);
-
-        if (steer) {
-            const S y = innovation - turn, r_doubted = r_course * f + (f - S(1)) * turning.xx, s_course = f * (turning.xx + r_course);
-            const PairGain<S> steered = measure(turning, r_doubted);
-            recorder.turned(steered, s_course, y);
-            turn = turn + steered.x * y;
-            turn_bias = turn_bias + steered.b * y;
-        }
-
-        // The four give up what the pair had put into them.
-        const PhasorVector<S> x = gain * z + share.x * turn + share.b * turn_bias;
-        const Complex<S> nu = azimuth * x.n, theta = azimuth * x.t;
-        p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, lift.x * error.z};
-        add_bias(gyro_bias, x.g, turn_bias);
-        add_bias(accel_bias, x.a, lift.b * error.z);
-        p.dcm_body_to_ned = rotated_in_ned(p.dcm_body_to_ned, {-theta.re, -theta.im, -turn});
-        turn_azimuth(-turn);
+    // The same as the two real measurements that it is made of.
+    void record_complex(const PhasorVector<S>& gain, const HeadingGain<S>& aside, S s, const Complex<S>& z) {
+        const PairGain<S>&g1 = aside.first, g2 = aside.second;
+        // After the real part alone the shares still held what the imaginary one took from them.
+        const PhasorVector<S> x1 = share.x + gain * Complex<S>{S(0), aside.seen_x.im}, b1 = share.b + gain * Complex<S>{S(0), aside.seen_b.im};
+        Observation<S> a{}, b{};
+        a.row.x.n = {S(1), S(0)};
+        a.gain = gain + x1 * g1.x + b1 * g1.b;
+        a.turn = g1;
+        a.error = z.re;
+        a.left = (s - gain.n.re * s) / g1.variance;
+        b.row.x.n = {S(0), S(1)};
+        b.gain = gain * Complex<S>{S(0), S(1)} + share.x * g2.x + share.b * g2.b;
+        b.turn = g2;
+        b.error = z.im - a.gain.n.im * z.re;
+        b.left = (s - gain.n.re * s) / g2.variance;
+        recorder.observed(a);
+        recorder.observed(b);
     }
 };
 

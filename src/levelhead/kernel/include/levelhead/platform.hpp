@@ -4,6 +4,7 @@
 #define LEVELHEAD_PLATFORM_HPP
 
 #include "dcm.hpp"
+#include "geodesy.hpp"
 
 namespace levelhead {
 
@@ -125,12 +126,15 @@ S course_innovation(PlatformState<S>& p, Mask moving, S course) {
 }
 
 // A GNSS epoch as the estimators see it: `length` is the time since the epoch before, `usable` is false where the interval
-// between them must not be used (first epoch, gap, outage). A NaN in `std` is an unknown sigma.
+// between them must not be used (first epoch, gap, outage). Velocity, position or both; a NaN in a sigma is an unknown one.
 template <class S>
 struct Fix {
     S length;
     bool usable;
     Vec3<S> velocity, std;  // of the antenna, NED, m/s
+    Geodetic position;      // of the antenna
+    Vec3<S> position_std;   // NED, m
+    bool has_velocity, has_position;
 };
 
 // The mean horizontal sigma of a fix, m/s.
@@ -270,6 +274,7 @@ HiddenMotion<S> hidden_motion(S gap, const Vec3<S>& gyro_change, const Vec3<S>& 
 template <class S>
 struct Sigma {
     Vec3<S> gyro_bias, accel_bias, attitude;  // body axes; body axes; roll, pitch, heading
+    Vec3<S> velocity, position;               // North, East, Down, m/s and m
 };
 
 }  // namespace levelhead

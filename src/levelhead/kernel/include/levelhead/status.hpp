@@ -27,6 +27,8 @@ enum EventCode : uint32_t {
     S_REVERSE,     // epochs driven backwards
     W_TIME_BACK,   // samples or epochs that came out of order
     E_NONFINITE,   // samples or epochs with NaN or infinity
+    S_STATIONARY,  // spells at rest, found by the filter
+    W_POSITION_JUMP,  // positions were far from the filter's for long: it started anew from them
     EVENT_COUNT,
 };
 

@@ -26,12 +26,14 @@ struct Stream {
     double advanced_to;   // the estimator's state belongs to this time
     double last_length;   // of the last closed interval
     Vec3<S> gyro, accel;  // the last sample
-    Vec3<S> pending_velocity, pending_std;
+    Fix<S> pending;
     uint32_t broken;      // an IMU gap lies in the current interval
     uint32_t settled;     // status bits that only change at epochs
     Interval<S> interval; // the last one closed
     uint32_t closed;      // how many there have been
     EventCounter events[EVENT_COUNT];
+    S jumps;              // that the estimator's position had made
+    uint32_t resting;     // the last sample was at rest
 
     static Stream make(const typename Estimator::Params& params, const Vec3<S>& gyro_bias, const Vec3<S>& accel_bias) {
         Stream s{};
@@ -75,21 +77,35 @@ struct Stream {
             broken = rest;
         }
         advance_to(t, mean_gyro, mean_accel);
+        if constexpr (Estimator::takes_wheels) watch(t);
         return take(t, w, f);
     }
 
-    // One GNSS epoch; false when it was dropped. It may lie ahead of the last IMU sample, never behind it.
-    bool gnss(double t, const Vec3<S>& velocity, const Vec3<S>& velocity_std) {
-        if (!finite(t) || !finite(velocity)) return drop(E_NONFINITE, stamp(t));
+    // One GNSS epoch; false when it was dropped. It may lie ahead of the last IMU sample, never behind it. Velocity or position
+    // may be absent (NaN), and is for an estimator that has no use for it.
+    bool gnss(double t, const Vec3<S>& velocity, const Vec3<S>& velocity_std, const Geodetic& position, const Vec3<S>& position_std) {
+        const bool has_velocity = finite(velocity), has_position = Estimator::takes_positions && known(position);
+        if (!finite(t) || !(has_velocity || has_position)) return drop(E_NONFINITE, stamp(t));
         if (!started() || t < time || !(t > gnss_time)) return drop(W_TIME_BACK, t);
         pending_time = gnss_time = t;
-        pending_velocity = velocity;
-        pending_std = velocity_std;
+        pending = {S(0), false, velocity, velocity_std, position, position_std, has_velocity, has_position};
         if (t == time) close();
         return true;
     }
 
+    bool gnss(double t, const Vec3<S>& velocity, const Vec3<S>& velocity_std) {
+        const S unknown = S(NAN);
+        return gnss(t, velocity, velocity_std, {NAN, NAN, NAN}, {unknown, unknown, unknown});
+    }
+
     bool gnss(double t, const Vec3<S>& velocity, S velocity_std) { return gnss(t, velocity, {velocity_std, velocity_std, velocity_std}); }
+
+    // The speed that the wheels tell at the last IMU sample, m/s; false when it is not finite.
+    bool wheel(S speed) {
+        if (!(speed * S(0) == S(0))) return drop(E_NONFINITE, stamp(time));
+        if constexpr (Estimator::takes_wheels) estimator.wheel(params, speed);
+        return true;
+    }
 
     uint32_t status() const {
         const PlatformState<S>& p = estimator.platform;
@@ -97,7 +113,7 @@ struct Stream {
         const double since = time - epoch_time;
         const bool coasting = aligned && last_length > 0 && (since > coast_after * last_length || since > longest());
         return settled | (aligned ? 0u : INITIALIZING) | (aligned && !(p.heading_known > S(0.5)) ? ALIGNING : 0u) |
-               (coasting ? COASTING : 0u) | (p.reverse > S(0.5) ? REVERSE : 0u);
+               (coasting ? COASTING : 0u) | (p.reverse > S(0.5) ? REVERSE : 0u) | estimator.manner();
     }
 
     Vec3<S> velocity_ned() const {
@@ -124,6 +140,15 @@ struct Stream {
         return true;
     }
 
+    // What the estimator finds by itself becomes an event.
+    void watch(double t) {
+        const uint32_t now = estimator.manner() & STATIONARY;
+        if (now && !resting) note(events[S_STATIONARY], t);
+        resting = now;
+        if (estimator.jumps > jumps) note(events[W_POSITION_JUMP], t);
+        jumps = estimator.jumps;
+    }
+
     void advance_to(double t, const Vec3<S>& w, const Vec3<S>& f) {
         if (t > advanced_to) estimator.step(params, S(t - advanced_to), w, f);
         advanced_to = t;
@@ -136,7 +161,9 @@ struct Stream {
         const double length = first ? 0.0 : t - epoch_time;
         if (length > max_interval || length > longest()) note(events[S_COAST], t);
         const bool usable = !first && !broken && length <= longest();
-        const Interval<S> i = estimator.epoch(params, {S(length), usable, pending_velocity, pending_std});
+        pending.length = S(length);
+        pending.usable = usable;
+        const Interval<S> i = estimator.epoch(params, pending);
         interval = i;
         ++closed;
         if (!any(i.waiting > S(0.5))) {
