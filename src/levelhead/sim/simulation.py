@@ -13,7 +13,8 @@ from levelhead.errors import UsageError
 from levelhead.logs.log import Log
 from levelhead.sim.scenarios import SCENARIOS, Scenario
 from levelhead.sim.sensors import SensorModel, Stream, generator, jitter
-from levelhead.sim.vehicle import Vehicle, inertial, radii, to_ned
+from levelhead.sim.earth import radii
+from levelhead.sim.vehicle import Vehicle, inertial, to_ned
 
 ORIGIN_LLH: Final = (math.radians(45.7), math.radians(10.0), 60.0)
 """Where the drives start: the Po valley, where normal gravity is the standard value within 1e-5 m/s^2."""
