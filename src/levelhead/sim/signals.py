@@ -60,9 +60,7 @@ class Signal:
 
     def __mul__(self, other: Signal | float) -> Signal:
         if isinstance(other, Signal):
-            second = _both(
-                self, other, lambda a, b: a * other.value + 2.0 * self.rate * other.rate + self.value * b
-            )
+            second = _both(self, other, lambda a, b: a * other.value + 2.0 * self.rate * other.rate + self.value * b)
             return Signal(self.value * other.value, self.rate * other.value + self.value * other.rate, second)
         return Signal(self.value * other, self.rate * other, None if self.second is None else self.second * other)
 
@@ -77,9 +75,7 @@ class Signal:
         return Signal(self.value / other, self.rate / other, None if self.second is None else self.second / other)
 
 
-def _both(
-    one: Signal, other: Signal, combine: Callable[[FloatArray, FloatArray], FloatArray]
-) -> FloatArray | None:
+def _both(one: Signal, other: Signal, combine: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray | None:
     """Combine two second derivatives, where there are two."""
     if one.second is None or other.second is None:
         return None

@@ -100,7 +100,7 @@ class Vehicle:
         velocity_ned = np.stack([v.value for v in velocity], axis=1)
         acceleration_ned = np.stack([v.rate for v in velocity], axis=1)
 
-        dcm = _dcm(*(t.value for t in trig))
+        dcm = dcm_body_to_ned(roll.value, pitch.value, heading.value)
         rates = _body_rates(roll, pitch, heading, *trig[:4])
         angular_rate = np.stack([r.value for r in rates], axis=1)
         if any(point):
@@ -184,17 +184,6 @@ def _velocity_aslant(
     return (north, east, down + right * (sin_roll * cos_pitch)), forward
 
 
-def _dcm(
-    s_r: FloatArray, c_r: FloatArray, s_p: FloatArray, c_p: FloatArray, s_h: FloatArray, c_h: FloatArray
-) -> FloatArray:
-    """Return body-to-NED matrices, shape (n, 3, 3), from sine and cosine of roll, pitch and heading."""
-    dcm = np.empty((s_r.size, 3, 3))
-    dcm[:, 0, 0], dcm[:, 1, 0], dcm[:, 2, 0] = c_p * c_h, c_p * s_h, -s_p
-    dcm[:, 0, 1], dcm[:, 1, 1], dcm[:, 2, 1] = s_r * s_p * c_h - c_r * s_h, s_r * s_p * s_h + c_r * c_h, s_r * c_p
-    dcm[:, 0, 2], dcm[:, 1, 2], dcm[:, 2, 2] = c_r * s_p * c_h + s_r * s_h, c_r * s_p * s_h - s_r * c_h, c_r * c_p
-    return dcm
-
-
 def _body_rates(
     roll: Signal,
     pitch: Signal,
@@ -260,6 +249,16 @@ def inertial(motion: Motion, position_llh: FloatArray | None) -> tuple[FloatArra
     force += np.cross(2.0 * earth + transport, motion.velocity_ned)
     rate = motion.angular_rate + to_body(motion.dcm_body_to_ned, earth + transport)
     return rate, to_body(motion.dcm_body_to_ned, force)
+
+
+def dcm_body_to_ned(roll: FloatArray, pitch: FloatArray, heading: FloatArray) -> FloatArray:
+    """Return body-to-NED matrices, shape (n, 3, 3), of 3-2-1 Euler angles in rad, each of shape (n,)."""
+    (s_r, c_r), (s_p, c_p), (s_h, c_h) = ((np.sin(angle), np.cos(angle)) for angle in (roll, pitch, heading))
+    dcm = np.empty((roll.size, 3, 3))
+    dcm[:, 0, 0], dcm[:, 1, 0], dcm[:, 2, 0] = c_p * c_h, c_p * s_h, -s_p
+    dcm[:, 0, 1], dcm[:, 1, 1], dcm[:, 2, 1] = s_r * s_p * c_h - c_r * s_h, s_r * s_p * s_h + c_r * c_h, s_r * c_p
+    dcm[:, 0, 2], dcm[:, 1, 2], dcm[:, 2, 2] = c_r * s_p * c_h + s_r * s_h, c_r * s_p * s_h - s_r * c_h, c_r * c_p
+    return dcm
 
 
 def to_body(dcm_body_to_ned: FloatArray, vector_ned: FloatArray) -> FloatArray:
