@@ -91,7 +91,9 @@ def simulate(
 
     time = _stamps(start, end, sensors.imu_rate)
     motion = vehicle.motion(time, sensors.imu_from_axle)
-    position_llh = vehicle.position_llh(time, origin_llh, sensors.imu_from_axle)
+    position_llh = vehicle.position_llh(time, origin_llh)
+    if any(sensors.imu_from_axle):
+        position_llh = shifted(position_llh, motion.dcm_body_to_ned @ np.array(sensors.imu_from_axle))
     truth = _truth(motion, position_llh, time, sensors, seed, earth_rotation)
     gnss_stamps = _stamps(start, end, sensors.gnss_rate)
     velocity, position = _gnss(vehicle, gnss_stamps - sensors.gnss_latency, sensors, seed, start, origin_llh)
@@ -222,8 +224,9 @@ def _gnss(
     velocity += to_ned(motion.dcm_body_to_ned, np.cross(motion.angular_rate, lever_arm))
 
     shift = sensors.position_noise * generator(seed, Stream.POSITION_NOISE, start).standard_normal((time.size, 3))
-    shift += to_ned(motion.dcm_body_to_ned, np.broadcast_to(lever_arm, shift.shape))
-    return velocity, shifted(vehicle.position_llh(time, origin_llh, sensors.imu_from_axle), shift)
+    from_axle = lever_arm + np.array(sensors.imu_from_axle)
+    shift += to_ned(motion.dcm_body_to_ned, np.broadcast_to(from_axle, shift.shape))
+    return velocity, shifted(vehicle.position_llh(time, origin_llh), shift)
 
 
 def _constant(sigma: float, count: int) -> FloatArray | None:

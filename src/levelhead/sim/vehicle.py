@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from levelhead.conventions import GRAVITY, FloatArray
-from levelhead.sim.earth import normal_gravity, radii, shifted, turning_of_ned
+from levelhead.sim.earth import normal_gravity, radii, turning_of_ned
 from levelhead.sim.paths import Ground, Heading, SmoothSteps
 from levelhead.sim.signals import Signal, sin_cos
 
@@ -85,7 +85,11 @@ class Vehicle:
     pace: float = 1.0
 
     def motion(self, time: FloatArray, point: Point = AXLE) -> Motion:
-        """Return the motion of a point of the body at the given times (s), shape (n,)."""
+        """Return the motion of a point of the body at the given times (s), shape (n,).
+
+        Force and velocity of the point agree exactly. On the round Earth its velocity and its position drift apart by
+        the speed times the distance from the axle over the Earth's radius: 1e-6 m/s for 2 m at 3 m/s.
+        """
         distance, speed, slope = self.speed(time)
         path_time = Signal(distance, speed, slope) / CRUISE_SPEED
         heading = self.heading(path_time)
@@ -120,31 +124,28 @@ class Vehicle:
             forward_speed=forward.value,
         )
 
-    def position_llh(self, time: FloatArray, origin_llh: tuple[float, float, float], point: Point = AXLE) -> FloatArray:
-        """Return latitude, longitude (rad) and height (m) of a point of the body on WGS-84, shape (n, 3).
+    def position_llh(self, time: FloatArray, origin_llh: tuple[float, float, float]) -> FloatArray:
+        """Return latitude, longitude (rad) and height (m) of the axle on WGS-84, shape (n, 3).
 
         The rates of the three are integrated from time 0, where the axle is at the origin, over nodes 0.25 s apart
-        (Hermite quadrature and interpolation, off by 0.02 mm at most, and by as much again for every metre between
-        axle and point), so that any part of a long run can be had.
+        (Hermite quadrature and interpolation, off by 0.02 mm at most at 3 m/s), so that any part of a long run can be
+        had. Where another point of the body is, `levelhead.sim.earth.shifted` tells.
         """
         # The error goes with the speed and the fourth power of the step: half the step does up to sixteen times.
         step = _POSITION_STEP_S if self.pace <= 1.0 else 0.5 * _POSITION_STEP_S
         first = min(0, math.floor(float(time.min()) / step))
         last = math.ceil(float(time.max()) / step) + 1
         nodes = np.arange(first, last + 1, dtype=np.float64) * step
-        motion = self.motion(nodes, point)
+        motion = self.motion(nodes)
         north, east, down = (
             Signal(v, a) for v, a in zip(motion.velocity_ned.T, motion.acceleration_ned.T, strict=True)
         )
         zero = -first
-        start = np.array([origin_llh])
-        if any(point):
-            start = shifted(start, motion.dcm_body_to_ned[zero : zero + 1] @ np.array(point))
-        start_latitude, start_longitude, start_height = (float(v) for v in start[0])
+        start_latitude, start_longitude, start_height = origin_llh
 
         height = _integral(-down, step, zero, start_height)
         meridian, _ = radii(np.full(1, start_latitude))
-        # A first guess with the radius at the start is enough to know how the radii change along the path.
+        # A first guess with the radius at the origin is enough to know how the radii change along the path.
         latitude = _integral(north / float(meridian[0] + start_height), step, zero, start_latitude)
         meridian, normal = radii(latitude.value)
         latitude = _integral(north / Signal(meridian + height.value, height.rate), step, zero, start_latitude)
