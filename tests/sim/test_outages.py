@@ -46,6 +46,10 @@ def test_a_log_with_velocities_only_can_lose_them(log: Log) -> None:
     assert cut.velocity_std is None
 
 
+def test_no_window_leaves_the_log_as_it_is(log: Log) -> None:
+    assert without_gnss(log, []) is log
+
+
 def test_outages_may_overlap_and_reach_over_the_end(log: Log) -> None:
     cut = without_gnss(log, [(50.0, 5.0), (52.0, 100.0)])
     assert cut.gnss_time[-1] < 50.0

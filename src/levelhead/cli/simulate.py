@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -77,15 +77,21 @@ def simulate(
             raise UsageError(f"{name} goes with --compare; without it `simulate` writes one drive.")
     if output is None:
         raise UsageError("Name the log to write with -o FILE (.parquet or .csv).")
-    settings: dict[str, Any] = {
-        "seed": seed,
-        "duration": ONE_DRIVE_S if duration is None else duration,
-        "earth_rotation": earth_rotation,
-        "speed": CRUISE_SPEED if speed is None else speed,
-        "origin_llh": _origin(latitude_deg),
-        "sensors": _sensors(lever_arm, wheel_speed=wheel_speed),
-    }
-    _one(scenario, output, [_window(text) for text in outage or ()], settings)
+    windows = [_window(text) for text in outage or ()]
+    with progress(f"Simulating {scenario}"):
+        log, truth = simulate_drive(
+            scenario,
+            seed=seed,
+            duration=ONE_DRIVE_S if duration is None else duration,
+            sensors=_sensors(lever_arm, wheel_speed=wheel_speed),
+            earth_rotation=earth_rotation,
+            origin_llh=_origin(latitude_deg),
+            speed=CRUISE_SPEED if speed is None else speed,
+        )
+    write(without_gnss(log, windows), output)
+    beside = output.with_name(output.stem + ".truth.parquet")
+    write_truth(truth, beside)
+    terminal().print(f"Wrote {output} and {beside}.", markup=False)
 
 
 def _sensors(lever_arm: str | None, *, wheel_speed: bool) -> SensorModel:
@@ -107,17 +113,6 @@ def _window(text: str) -> tuple[float, float]:
     except ValueError:
         raise UsageError(f"--outage is {text!r}; pass start and length in seconds such as 300,60.") from None
     return start, length
-
-
-def _one(scenario: str, output: Path, outages: list[tuple[float, float]], settings: dict[str, Any]) -> None:
-    """Simulate one drive; write its log and its truth."""
-    with progress(f"Simulating {scenario}"):
-        log, truth = simulate_drive(scenario, **settings)
-        log = without_gnss(log, outages) if outages else log
-    write(log, output)
-    beside = output.with_name(output.stem + ".truth.parquet")
-    write_truth(truth, beside)
-    terminal().print(f"Wrote {output} and {beside}.", markup=False)
 
 
 def _many(

@@ -89,6 +89,8 @@ def without_gnss(log: Log, windows: Iterable[tuple[float, float]]) -> Log:
         When a window is empty or lies outside the log.
     """
     spans = tuple(Outage(*window) for window in windows)
+    if not spans:
+        return log
     keep = np.ones(log.gnss_time.size, dtype=np.bool_)
     for span in spans:
         if not (math.isfinite(span.start) and math.isfinite(span.length) and span.length > 0.0):
