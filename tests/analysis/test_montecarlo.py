@@ -178,6 +178,22 @@ def test_filters_get_the_true_noise(register: Register) -> None:
     assert true_params("observer", lh.SensorModel()) == lh.ObserverParams()
 
 
+@dataclass(frozen=True, kw_only=True)
+class VehicleParams(MethodParams):
+    """The constants of a filter that knows how land vehicles move."""
+
+    sideslip_std: float = 0.02
+    axle_std: float = 1.0
+
+
+def test_filters_get_the_true_vehicle(register: Register) -> None:
+    register("wheels", guess(1.0), params=VehicleParams)
+    steady = true_params("wheels", lh.SensorModel(), "field")
+    assert steady == true_params("wheels", lh.SensorModel()) == VehicleParams(sideslip_std=1e-6, axle_std=1e-6)
+    sliding = true_params("wheels", lh.SensorModel(imu_from_axle=(-1.5, 0.4, 1.0)), "crab")
+    assert sliding == VehicleParams(sideslip_std=math.radians(4.0), axle_std=1.5)
+
+
 def test_parameters_can_be_given() -> None:
     params = {"observer": lh.ObserverParams(tau=9.0)}
     found = monte_carlo("field", 1, ["observer"], duration=30.0, params=params, workers=1)

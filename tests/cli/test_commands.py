@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import levelhead as lh
+from levelhead.report.files import read_truth
 
 RESULT_COLUMNS = {
     "time",
@@ -60,6 +62,21 @@ def test_simulate_writes_the_truth_beside_the_log(drive: Path) -> None:
     assert units["gyro_bias_x"] == "rad/s"
     assert units["specific_force_z"] == "m/s^2"
     assert all(units.values())
+
+
+def test_simulate_takes_the_drive_the_user_describes(tmp_path: Path) -> None:
+    path = tmp_path / "fast.parquet"
+    options = ["--speed", 12, "--lever-arm", "1,0.5,-2", "--latitude-deg", -33, "--outage", "5,3", "--outage", "15,60"]
+    done = levelhead("simulate", "crab", "-o", path, "--duration", 20, "--seed", 2, "--wheel-speed", *options)
+    assert done.returncode == 0, done.stderr
+    truth, log = read_truth(tmp_path / "fast.truth.parquet"), lh.read(path)
+    np.testing.assert_allclose(np.linalg.norm(truth.velocity_ned, axis=1), 12.0, rtol=1e-13)  # rounding
+    assert math.degrees(truth.position_llh[0, 0]) == pytest.approx(-33.0, abs=1e-12)
+    assert log.gnss_time.size == 200 - 30 - 50
+    assert not np.any((log.gnss_time >= 5.0) & (log.gnss_time < 8.0))
+    # The antenna is where the truth has it, 2 cm of noise aside: six sigma, and 6.4e6 m for the Earth's radius.
+    assert log.position_llh is not None
+    assert 6.4e6 * abs(log.position_llh[0, 0] - truth.at((1.0, 0.5, -2.0)).position_llh[0, 0]) < 0.12
 
 
 def test_estimate_writes_what_the_contract_says(drive: Path, tmp_path: Path) -> None:
@@ -190,6 +207,12 @@ BAD = [
     (["simulate", "moon", "-o", "out.parquet"], 2, "moon"),
     (["simulate", "field", "-o", "out.xyz"], 2, ".xyz"),
     (["simulate", "field", "-o", "out.csv", "--duration", "-5"], 2, "-5"),
+    (["simulate", "field", "-o", "out.csv", "--speed", "90"], 2, "from 0.1 to 60"),
+    (["simulate", "field", "-o", "out.csv", "--lever-arm", "1;2"], 2, "three lengths"),
+    (["simulate", "field", "-o", "out.csv", "--latitude-deg", "90"], 2, "below 89 deg"),
+    (["simulate", "field", "-o", "out.csv", "--outage", "10"], 2, "300,60"),
+    (["simulate", "field", "-o", "out.csv", "--duration", "9", "--outage", "10,5"], 2, "not in the log"),
+    (["simulate", "field", "-o", "out", "--compare", "--runs", "2", "--speed", "9"], 2, "--speed is for one drive"),
     (["convert", "good.csv", "-o", "out.doc"], 2, ".doc"),
 ]
 

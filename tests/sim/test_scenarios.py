@@ -10,7 +10,7 @@ import pytest
 from levelhead.conventions import FloatArray
 from levelhead.sim import SCENARIOS, SensorModel, Truth, simulate
 from levelhead.sim.paths import SlopedGround
-from levelhead.sim.scenarios import HILL_SLOPE
+from levelhead.sim.scenarios import CRAB_ANGLE, HILL_SLOPE
 from levelhead.sim.sensors import Stream, generator
 from levelhead.sim.signals import Signal
 from levelhead.sim.vehicle import CRUISE_SPEED
@@ -141,6 +141,41 @@ def test_the_hill_is_a_side_slope_of_10_degrees() -> None:
     assert abs(climbed[-1]) > 20.0
 
 
+def test_the_crab_slides_down_the_hill_it_drives_across() -> None:
+    crab, hill = drive("crab"), drive("hill")
+    straight = np.abs(np.concatenate((turn_rate(hill), [1.0]))) < 1e-9
+    forward = np.stack((np.cos(crab.heading), np.sin(crab.heading)), axis=1)
+    aside = forward[:, 0] * crab.velocity_ned[:, 1] - forward[:, 1] * crab.velocity_ned[:, 0]
+    slip = np.arctan2(aside, np.sum(forward * crab.velocity_ned[:, :2], axis=1))
+    # The slip is 4 deg in the vehicle's floor; seen from above, on floor that rolls by 10 deg (and undulates by 0.6),
+    # 4 * cos(10 deg), and pitch times roll of up to 3 and 14 deg makes another 0.7 deg of it.
+    np.testing.assert_allclose(np.abs(np.degrees(slip[straight])), 4.0 * math.cos(HILL_SLOPE), atol=0.8)
+    # Uphill on the right the ground rolls to the left: the nose points to the right of the course, which lies left.
+    np.testing.assert_array_equal(np.sign(slip[straight]), np.sign(crab.roll[straight]))
+    assert {-1.0, 1.0} == set(np.sign(slip[straight]))
+    # The passes are the hill's, whose heading is the course: this one points 4 deg uphill of it. Rounding.
+    turned = np.degrees(np.angle(np.exp(1j * (crab.heading - hill.heading))))
+    np.testing.assert_allclose(turned[straight], -4.0 * np.sign(crab.roll[straight]), atol=1e-9)
+    # So it goes along the contour lines, within the same 0.8 deg and the 0.06 deg that cos(10 deg) makes of 4.
+    course = np.arctan2(crab.velocity_ned[:, 1], crab.velocity_ned[:, 0])
+    aslant = np.degrees(np.angle(np.exp(1j * (course - hill.heading))))
+    np.testing.assert_allclose(aslant[straight], 0.0, atol=0.9)
+    # In the turns the angle changes sides smoothly: by 2 * 4 deg over 180 deg, at most 4 deg * 20 deg/s more.
+    assert np.degrees(np.abs(turn_rate(crab)).max()) < 20.0 * (1.0 + CRAB_ANGLE) + 1e-6
+
+
+def test_the_crab_slips_in_its_own_floor_by_its_angle() -> None:
+    vehicle = SCENARIOS["crab"].build(generator(1, Stream.PATH), 400.0, 0.0)
+    motion = vehicle.motion(np.arange(0.0, 400.0, 0.1))
+    body = np.einsum("nij,ni->nj", motion.dcm_body_to_ned, motion.velocity_ned)
+    # Rounding, in all three.
+    np.testing.assert_allclose(np.linalg.norm(body, axis=1), CRUISE_SPEED, rtol=1e-14)
+    np.testing.assert_allclose(body[:, 2], 0.0, atol=1e-14)
+    np.testing.assert_allclose(motion.forward_speed, body[:, 0], rtol=1e-14)
+    slip = np.arctan2(body[:, 1], body[:, 0])
+    assert (slip[0], np.abs(slip).max()) == pytest.approx((-CRAB_ANGLE, SCENARIOS["crab"].sideslip), abs=1e-14)
+
+
 def test_a_vehicle_on_a_smooth_plane_keeps_its_floor_on_it() -> None:
     slope, uphill = math.radians(10.0), 0.7
     vehicle = SCENARIOS["hill"].build(generator(1, Stream.PATH), 200.0, 0.0)
@@ -173,8 +208,30 @@ def test_a_standstill_delays_the_same_drive() -> None:
     np.testing.assert_allclose(late.angular_rate[-2000:], plain.angular_rate[-2000:], atol=1e-12)
 
 
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_twice_as_fast_is_the_same_drive_on_twice_the_radii(name: str) -> None:
+    (log, plain), (fast_log, fast) = (
+        simulate(name, seed=2, duration=150.0, standstill_s=10.0, sensors=PERFECT, speed=v) for v in (4.0, 8.0)
+    )
+    for angle in ("roll", "pitch", "heading"):
+        np.testing.assert_array_equal(getattr(fast, angle), getattr(plain, angle))
+    np.testing.assert_array_equal(fast_log.gyro, log.gyro)
+    np.testing.assert_allclose(fast.velocity_ned, 2.0 * plain.velocity_ned, rtol=1e-14)  # rounding
+    np.testing.assert_allclose(np.linalg.norm(fast.velocity_ned, axis=1).max(), 8.0, rtol=1e-14)
+    # Twice the way from the start: both within 1e-4 m, and the Earth is round: 1.2 km * 1.2 km / 6.4e6 m of curvature,
+    # tan(latitude) of it between the meridians.
+    way, fast_way = (t.position_llh - t.position_llh[0] for t in (plain, fast))
+    np.testing.assert_allclose(6.4e6 * fast_way[:, :2], 2.0 * 6.4e6 * way[:, :2], atol=0.3)
+    np.testing.assert_allclose(fast_way[:, 2], 2.0 * way[:, 2], atol=1e-4)
+
+
+def test_the_usual_speed_is_the_default() -> None:
+    log, asked = simulate("field", duration=5.0)[0], simulate("field", duration=5.0, speed=CRUISE_SPEED)[0]
+    np.testing.assert_array_equal(log.accel, asked.accel)
+
+
 def test_the_registry_tells_what_it_has() -> None:
-    assert set(SCENARIOS) == {"field", "windrower", "curvy", "circle", "straight", "hill", "reverse"}
+    assert set(SCENARIOS) == {"field", "windrower", "curvy", "circle", "straight", "hill", "crab", "reverse"}
     assert all(scenario.summary.endswith(".") for scenario in SCENARIOS.values())
     zero = Signal(np.zeros(1), np.ones(1))
     # Every path starts at a heading of its own, and none turns at path time 0 but the circle and the windrower.

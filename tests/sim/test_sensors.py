@@ -13,8 +13,9 @@ from levelhead.conventions import GRAVITY, FloatArray
 from levelhead.errors import UsageError
 from levelhead.logs.log import Log
 from levelhead.sim import SensorModel, simulate
+from levelhead.sim.earth import radii
+from levelhead.sim.scenarios import CRAB_ANGLE
 from levelhead.sim.sensors import Stream, generator
-from levelhead.sim.vehicle import radii
 
 PERFECT = SensorModel.perfect()
 
@@ -194,6 +195,42 @@ def test_an_antenna_on_the_roof_swings_when_the_vehicle_rolls() -> None:
     np.testing.assert_allclose(swing[1:-1], 3.0 * (np.sin(truth.roll[2:]) - np.sin(truth.roll[:-2])) / 0.02, atol=1e-4)
 
 
+def test_the_antenna_does_not_care_where_on_the_vehicle_the_imu_is() -> None:
+    axle = log_of(replace(PERFECT, lever_arm=(2.0, 0.5, -3.0)))
+    cabin = log_of(replace(PERFECT, imu_from_axle=(1.5, 0.4, -1.0), lever_arm=(0.5, 0.1, -2.0)))
+    assert cabin.velocity_ned is not None
+    assert axle.velocity_ned is not None
+    np.testing.assert_allclose(cabin.velocity_ned, axle.velocity_ned, atol=1e-13)  # rounding
+    np.testing.assert_allclose(apart_m(cabin.position_llh, axle.position_llh), 0.0, atol=1e-8)  # rounding of 1 rad
+
+
+def test_wheels_tell_the_speed_of_the_axle() -> None:
+    assert log_of(PERFECT).wheel_speed is None
+    sensors = replace(PERFECT, wheel_speed=True, imu_from_axle=(1.5, 0.4, -1.0))
+    log, truth = simulate("reverse", seed=1, duration=120.0, sensors=sensors)
+    assert log.wheel_speed is not None
+    axle = truth.at((-1.5, -0.4, 1.0)).velocity_ned
+    # Along the vehicle's x axis is all the axle moves, forwards and backwards; rounding.
+    np.testing.assert_allclose(np.abs(log.wheel_speed), np.linalg.norm(axle, axis=1), atol=1e-13)
+    assert (log.wheel_speed.max(), log.wheel_speed.min()) == pytest.approx((3.0, -1.5), abs=1e-14)
+    # A crabbing vehicle rolls along its x axis and slides across it.
+    crab = log_of(sensors, scenario="crab", duration=50.0).wheel_speed
+    np.testing.assert_allclose(np.asarray(crab), 3.0 * math.cos(CRAB_ANGLE), rtol=1e-14)
+
+
+def test_wheels_err_by_scale_and_noise() -> None:
+    true, scaled, noisy = (
+        log_of(replace(PERFECT, wheel_speed=True, wheel_speed_scale=scale, wheel_speed_noise=noise))
+        for scale, noise in ((0.0, 0.0), (0.01, 0.0), (0.0, 0.05))
+    )
+    assert true.wheel_speed is not None
+    np.testing.assert_allclose(np.asarray(scaled.wheel_speed), 1.01 * true.wheel_speed, rtol=1e-14)  # rounding
+    # 10,000 samples: 0.7 %, 4 sigma.
+    assert np.std(np.asarray(noisy.wheel_speed) - true.wheel_speed) == pytest.approx(0.05, rel=0.03)
+    np.testing.assert_array_equal(noisy.gyro, true.gyro)
+    np.testing.assert_array_equal(log_of(PERFECT).accel, true.accel)
+
+
 def test_an_imu_turned_by_90_degrees_reads_the_right_side_as_its_front() -> None:
     turned, truth = simulate("field", seed=1, duration=100.0, sensors=replace(PERFECT, mounting_yaw=math.pi / 2))
     plain, _ = simulate("field", seed=1, duration=100.0, sensors=PERFECT)
@@ -245,6 +282,9 @@ def test_streams_differ_from_each_other_and_between_chunks() -> None:
         ({"accel_range": 0.0}, "accel_range is 0.0 m/s"),
         ({"accel_range": math.nan}, "accel_range is nan m/s"),
         ({"gnss_latency": math.inf}, "gnss_latency is inf s"),
+        ({"wheel_speed_noise": -0.1}, "wheel_speed_noise is -0.1 m/s"),
+        ({"wheel_speed_scale": math.nan}, "wheel_speed_scale is nan"),
+        ({"imu_from_axle": (1.0, 2.0)}, "imu_from_axle is .* three finite numbers in m"),
         ({"lever_arm": (1.0, 2.0)}, "three finite numbers in m"),
         ({"gyro_bias": (0.0, math.nan, 0.0)}, "three finite numbers in rad/s"),
         ({"vibration_band": (40.0, 12.0)}, "give \\(low, high\\)"),

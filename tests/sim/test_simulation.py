@@ -66,7 +66,7 @@ def test_a_seed_gives_the_same_run_again_and_another_seed_another(name: str) -> 
 @pytest.mark.parametrize("name", list(SCENARIOS))
 def test_a_chunk_is_a_part_of_the_long_run(name: str) -> None:
     sensors = replace(SensorModel.perfect(), gnss_latency=0.13, band_vibration=0.3)
-    sensors = replace(sensors, gyro_bias_walk=1e-5, accel_bias_walk=1e-3)
+    sensors = replace(sensors, gyro_bias_walk=1e-5, accel_bias_walk=1e-3, imu_from_axle=(1.5, 0.4, -1.0))
     whole, whole_truth = simulate(name, seed=2, duration=700.0, sensors=sensors)
     chunk, truth = simulate(name, seed=2, start=600.0, duration=60.0, sensors=sensors)
     part, epochs = slice(60_000, 66_000), slice(6_000, 6_600)
@@ -133,6 +133,9 @@ def test_an_unknown_scenario_is_answered_with_the_known_ones() -> None:
         ({"seed": -1}, "seed is -1"),
         ({"seed": 1.5}, "seed is 1.5"),
         ({"seed": True}, "seed is True"),
+        ({"speed": 0.0}, "speed is 0.0 m/s; give a number from 0.1 to 60"),
+        ({"speed": 61.0}, "speed is 61.0 m/s"),
+        ({"speed": math.nan}, "speed is nan m/s"),
         ({"origin_llh": (math.radians(90.0), 0.0, 0.0)}, "below 89 deg"),
         ({"origin_llh": (45.0, 0.0, 0.0)}, "below 89 deg"),
     ],

@@ -107,7 +107,7 @@ def monte_carlo(
     after = 0.5 * duration if after is None else after
     workers = (os.cpu_count() or 1) if workers is None else workers
     _check(scenario, runs, duration, after, seed0, workers)
-    constants = {name: (params or {}).get(name) or true_params(name, sensors) for name in names}
+    constants = {name: (params or {}).get(name) or true_params(name, sensors, scenario) for name in names}
     tasks = [
         Task(
             scenario=scenario,
@@ -157,16 +157,21 @@ def true_noise(sensors: SensorModel) -> dict[str, float]:
     }
 
 
-def true_params(method: str, sensors: SensorModel) -> MethodParams:
-    """Return a method's constants for simulated sensors: the true noises and lever arm, defaults for all else."""
+def true_params(method: str, sensors: SensorModel, scenario: str | None = None) -> MethodParams:
+    """Return a method's constants for simulated sensors: the true noises and lever arm, defaults for all else.
+
+    A named scenario tells how far the vehicle slips sideways; without one it moves where it points.
+    """
     kind = METHODS[method].params
     names = {field.name for field in fields(kind)}
     known: dict[str, object] = {}
     if "accel_noise" in names:
         # A noise of exactly 0 is left at the default: a filter would believe in it without end.
         known = {name: value for name, value in true_noise(sensors).items() if name in names and value > 0.0}
-    # The simulated vehicle moves where it points, about the place of its IMU.
-    known |= {name: STEADY for name in ("sideslip_std", "axle_std") if name in names}
+    # What a filter may take as unknown about the vehicle is known here.
+    sideslip = 0.0 if scenario is None else SCENARIOS[scenario].sideslip
+    vehicle = {"sideslip_std": max(STEADY, sideslip), "axle_std": max(STEADY, abs(sensors.imu_from_axle[0]))}
+    known |= {name: value for name, value in vehicle.items() if name in names}
     arm = sensors.dcm_imu_to_vehicle.T @ np.array(sensors.lever_arm)
     return kind.from_dict({**known, "lever_arm": tuple(float(v) for v in arm)})
 

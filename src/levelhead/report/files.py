@@ -91,6 +91,7 @@ def write_truth(truth: Truth, path: Path) -> None:
         "height": "m",
         "angular_rate": "rad/s",
         "specific_force": "m/s^2",
+        "relative_rate": "rad/s",
     }
     for name in columns:
         units.setdefault(name, next((unit for prefix, unit in prefixes.items() if name.startswith(prefix)), ""))
@@ -121,6 +122,8 @@ def read_truth(path: Path) -> Truth:
                 ("specific_force", "specific_force", AXES),
             )
         }
+        if "relative_rate_x" in columns:
+            rows["relative_rate"] = np.column_stack([columns[f"relative_rate_{axis}"] for axis in AXES])
         rows["position_llh"] = np.column_stack([columns[name] for name in ("latitude", "longitude", "height")])
         return Truth(**rows, **{name: columns[name] for name in ("time", "roll", "pitch", "heading")})
     except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from levelhead.conventions import FloatArray
-from levelhead.sim.signals import Signal, atan, sin_cos
+from levelhead.sim.signals import Signal, atan, chain, sin_cos
 
 Heading = Callable[[Signal], Signal]
 """Heading (rad, continuous) as a function of the path time."""
@@ -83,8 +83,8 @@ class TurnRateHeading:
 
     def __call__(self, path_time: Signal) -> Signal:
         """Return the heading along the path."""
-        turned, rate, _ = self.turn_rate(path_time.value)
-        return Signal(self.initial + turned, rate * path_time.rate)
+        turned, rate, slope = self.turn_rate(path_time.value)
+        return chain(path_time, self.initial + turned, rate, slope)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,6 +102,40 @@ class WavyHeading:
             _, cosine = sin_cos(path_time * wavenumber + phase)
             heading = heading + (math.cos(phase) - cosine) * (amplitude / wavenumber)
         return heading
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CrabbedHeading:
+    """The heading of a vehicle that slides down a side slope and holds its course with the nose uphill.
+
+    The angle between heading and course goes with the slope to the side: full across the slope, none straight up or
+    down, and the other way round after a turn of 180 deg.
+
+    Parameters
+    ----------
+    course : callable
+        Direction of travel as a function of the path time, rad.
+    uphill : float
+        Azimuth of the direction that climbs the steepest, rad.
+    angle : float
+        Between heading and course when driving across the slope, rad.
+    """
+
+    course: Heading
+    uphill: float
+    angle: float
+
+    def __call__(self, path_time: Signal) -> Signal:
+        """Return the heading along the path."""
+        course = self.course(path_time)
+        return course + self._uphill_of(course)
+
+    def slip(self, path_time: Signal) -> Signal:
+        """Return the angle from the vehicle's x axis to its velocity, positive to the right: downhill of the nose."""
+        return -self._uphill_of(self.course(path_time))
+
+    def _uphill_of(self, course: Signal) -> Signal:
+        return self.angle * sin_cos(self.uphill - course)[0]
 
 
 def headland_turns(rng: np.random.Generator, until: float) -> SmoothSteps:
@@ -177,8 +211,8 @@ class Undulation:
         """Return the angle along the path, rad.
 
         Summing every sinusoid at every sample would take most of a simulation's time. The sum is expanded in a
-        Taylor series round nodes 0.25 s apart instead; what is cut off is below 1e-13 rad, and the rate is the
-        exact derivative of what is returned.
+        Taylor series round nodes 0.25 s apart instead; what is cut off is below 1e-13 rad, and the rates are the
+        exact derivatives of what is returned.
         """
         node = np.rint(path_time.value / _TAYLOR_SPACING_S)
         first = node.min()
@@ -187,11 +221,12 @@ class Undulation:
         coefficients = self._taylor((first + np.arange(index.max() + 1)) * _TAYLOR_SPACING_S)
 
         value = coefficients[_TAYLOR_ORDER][index]
-        slope = np.zeros_like(value)
+        slope, half_curvature = np.zeros_like(value), np.zeros_like(value)
         for row in coefficients[-2::-1]:
+            half_curvature = half_curvature * offset + slope
             slope = slope * offset + value
             value = value * offset + row[index]
-        return Signal(value, slope * path_time.rate)
+        return chain(path_time, value, slope, 2.0 * half_curvature)
 
     def _taylor(self, nodes: FloatArray) -> FloatArray:
         """Return the Taylor coefficients at the nodes, shape (order + 1, nodes)."""

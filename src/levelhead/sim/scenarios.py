@@ -9,7 +9,15 @@ from typing import Final
 
 import numpy as np
 
-from levelhead.sim.paths import SlopedGround, SmoothSteps, TurnRateHeading, Undulation, WavyHeading, headland_turns
+from levelhead.sim.paths import (
+    CrabbedHeading,
+    SlopedGround,
+    SmoothSteps,
+    TurnRateHeading,
+    Undulation,
+    WavyHeading,
+    headland_turns,
+)
 from levelhead.sim.vehicle import CRUISE_SPEED, Vehicle
 
 ROLL_RMS: Final = math.radians(3.0)
@@ -17,6 +25,8 @@ PITCH_RMS: Final = math.radians(2.0)
 HILL_SLOPE: Final = math.radians(10.0)
 HILL_ROUGHNESS: Final = 0.2
 """Undulation of the hill as a fraction of the field's."""
+CRAB_ANGLE: Final = math.radians(4.0)
+"""Between the heading and the course of a vehicle that slides down the hill while it drives across it."""
 CIRCLE_RATE: Final = math.radians(10.0)
 REVERSE_PERIOD_S: Final = 120.0
 REVERSE_SPELL_S: Final = 20.0
@@ -33,10 +43,20 @@ class Scenario:
 
     The vehicle must be the same whatever the end of the run is, so that a long run can be simulated in chunks: random
     numbers whose count depends on the end are drawn last.
+
+    Attributes
+    ----------
+    summary : str
+        One line.
+    build : callable
+        Makes the vehicle, at the usual cruise speed.
+    sideslip : float
+        Angle from the vehicle's x axis to the velocity of its axle, rad: how large it gets.
     """
 
     summary: str
     build: Build
+    sideslip: float = 0.0
 
 
 def _speed(standstill_s: float) -> SmoothSteps:
@@ -97,12 +117,25 @@ def _field(rng: np.random.Generator, end: float, standstill_s: float) -> Vehicle
     return Vehicle(speed=_speed(standstill_s), heading=heading, ground=ground)
 
 
-def _hill(rng: np.random.Generator, end: float, standstill_s: float) -> Vehicle:
+def _passes_on_a_hill(rng: np.random.Generator, end: float) -> tuple[TurnRateHeading, SlopedGround]:
+    """Return the field's passes along the contour lines, as a farmer drives, and the slope they are on.
+
+    Seen from the vehicle the slope is all roll, and pitch only in the turns.
+    """
     course = _course(rng)
-    # The passes follow the contour lines, as a farmer drives: the slope is all roll, and pitch only in the turns.
     ground = _ground(rng, roughness=HILL_ROUGHNESS, slope=HILL_SLOPE, uphill=course + 0.5 * math.pi)
-    heading = TurnRateHeading(initial=course, turn_rate=headland_turns(rng, end))
+    return TurnRateHeading(initial=course, turn_rate=headland_turns(rng, end)), ground
+
+
+def _hill(rng: np.random.Generator, end: float, standstill_s: float) -> Vehicle:
+    heading, ground = _passes_on_a_hill(rng, end)
     return Vehicle(speed=_speed(standstill_s), heading=heading, ground=ground)
+
+
+def _crab(rng: np.random.Generator, end: float, standstill_s: float) -> Vehicle:
+    course, ground = _passes_on_a_hill(rng, end)
+    heading = CrabbedHeading(course=course, uphill=ground.uphill, angle=CRAB_ANGLE)
+    return Vehicle(speed=_speed(standstill_s), heading=heading, ground=ground, slip=heading.slip)
 
 
 def _reverse(rng: np.random.Generator, end: float, standstill_s: float) -> Vehicle:
@@ -140,6 +173,11 @@ SCENARIOS: Final[dict[str, Scenario]] = {
     "windrower": _WINDROWER,
     "curvy": _WINDROWER,
     "hill": Scenario(summary="The field's passes across a side slope of 10 deg.", build=_hill),
+    "crab": Scenario(
+        summary="The hill's passes with the nose 4 deg uphill of the course: the vehicle slides as it drives.",
+        build=_crab,
+        sideslip=CRAB_ANGLE,
+    ),
     "reverse": Scenario(
         summary="The field's passes, with a spell of 20 s in reverse at the end of every 120 s.", build=_reverse
     ),

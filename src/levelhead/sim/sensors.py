@@ -1,4 +1,4 @@
-"""`SensorModel`: what is wrong with the simulated IMU and GNSS receiver, and the readings that follow.
+"""`SensorModel`: what is wrong with the simulated IMU, GNSS receiver and wheels, and the readings that follow.
 
 Every imperfection draws from a random generator of its own, derived from the seed: switching one off leaves all
 others as they were.
@@ -34,8 +34,10 @@ _NOT_NEGATIVE: Final[dict[str, str]] = {
     "velocity_noise": "m/s",
     "position_noise": "m",
     "gnss_time_jitter": "s",
+    "wheel_speed_noise": "m/s",
 }
 _FINITE: Final[dict[str, str]] = {
+    "wheel_speed_scale": "(a relative error)",
     "mounting_roll": "rad",
     "mounting_pitch": "rad",
     "mounting_yaw": "rad",
@@ -47,7 +49,7 @@ _POSITIVE: Final[dict[str, str]] = {
     "gyro_range": "rad/s",
     "accel_range": "m/s^2",
 }
-_TRIPLES: Final[dict[str, str]] = {"gyro_bias": "rad/s", "accel_bias": "m/s^2", "lever_arm": "m"}
+_TRIPLES: Final[dict[str, str]] = {"gyro_bias": "rad/s", "accel_bias": "m/s^2", "lever_arm": "m", "imu_from_axle": "m"}
 
 
 class Stream(enum.IntEnum):
@@ -64,6 +66,7 @@ class Stream(enum.IntEnum):
     POSITION_NOISE = 8
     IMU_JITTER = 9
     GNSS_JITTER = 10
+    WHEEL_NOISE = 11
 
 
 def generator(seed: int, stream: Stream, start: float = 0.0) -> np.random.Generator:
@@ -112,6 +115,15 @@ class SensorModel:
         The GNSS stamps are late by this, s: what was true at t bears the stamp t + latency.
     lever_arm : (float, float, float)
         From the IMU to the antenna, m, along the vehicle's axes (forward, right, down).
+    imu_from_axle : (float, float, float)
+        From the point that does not slip sideways (the middle of the rear axle) to the IMU, m, along the vehicle's
+        axes. The IMU then feels the centripetal and Euler accelerations of its place.
+    wheel_speed : bool
+        Whether the log has the speed of the wheels: forward, at the axle that does not steer, at the IMU's samples.
+    wheel_speed_noise : float
+        White noise of that speed, m/s.
+    wheel_speed_scale : float
+        Its relative error: 0.01 where the wheels tell 1 % too much.
 
     Raises
     ------
@@ -143,6 +155,10 @@ class SensorModel:
     position_noise: float = 0.02
     gnss_latency: float = 0.0
     lever_arm: Triple = (0.0, 0.0, 0.0)
+    imu_from_axle: Triple = (0.0, 0.0, 0.0)
+    wheel_speed: bool = False
+    wheel_speed_noise: float = 0.0
+    wheel_speed_scale: float = 0.0
 
     def __post_init__(self) -> None:
         for name, unit in _NOT_NEGATIVE.items():
@@ -215,6 +231,14 @@ class SensorModel:
         if self.band_vibration > 0.0:
             reading += self._band_vibration(time, generator(seed, Stream.BAND_VIBRATION))
         return _digitise(reading, self.accel_range, self.accel_step)
+
+    def read_wheels(self, forward_speed: FloatArray, *, seed: int, start: float) -> FloatArray | None:
+        """Return wheel speeds, shape (n,), from true forward speeds at the axle, m/s; None where there are none."""
+        if not self.wheel_speed:
+            return None
+        noise = generator(seed, Stream.WHEEL_NOISE, start).standard_normal(forward_speed.size)
+        reading: FloatArray = forward_speed * (1.0 + self.wheel_speed_scale) + self.wheel_speed_noise * noise
+        return reading
 
     def _band_vibration(self, time: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Return the vibration of an engine, shape (n, 3); phases count from time 0, so chunks fit together."""

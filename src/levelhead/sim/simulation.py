@@ -3,73 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from levelhead.conventions import AXES, FloatArray
+from levelhead.conventions import FloatArray
 from levelhead.errors import UsageError
 from levelhead.logs.log import Log
+from levelhead.sim.earth import shifted
 from levelhead.sim.scenarios import SCENARIOS, Scenario
 from levelhead.sim.sensors import SensorModel, Stream, generator, jitter
-from levelhead.sim.vehicle import Vehicle, inertial, radii, to_ned
+from levelhead.sim.truth import Truth
+from levelhead.sim.vehicle import CRUISE_SPEED, Motion, Vehicle, inertial, to_ned
 
 ORIGIN_LLH: Final = (math.radians(45.7), math.radians(10.0), 60.0)
 """Where the drives start: the Po valley, where normal gravity is the standard value within 1e-5 m/s^2."""
 
+SPEED_RANGE: Final = (0.1, 60.0)
+"""Cruise speeds that can be asked for, m/s."""
+
 _MOST_SAMPLES = 50_000_000
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Truth:
-    """What really happened at each IMU sample; body frame FRD, navigation frame NED, SI and radians.
-
-    The body is the IMU: with a mounting rotation the attitude, rates, forces and biases are the IMU's, in its axes.
-
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        When the samples were really taken, s; the log's stamps but for their jitter.
-    gyro_bias, accel_bias : ndarray, shape (n, 3)
-        Biases in the readings, rad/s and m/s^2.
-    roll, pitch, heading : ndarray, shape (n,)
-        Attitude relative to NED, rad; roll and heading within (-pi, pi].
-    velocity_ned : ndarray, shape (n, 3)
-        Velocity of the IMU, m/s.
-    position_llh : ndarray, shape (n, 3)
-        Latitude, longitude (rad) and height (m) of the IMU, WGS-84.
-    angular_rate, specific_force : ndarray, shape (n, 3)
-        What perfect sensors would read, rad/s and m/s^2, without vibration. With Earth rotation the angular rate is
-        the inertial one.
-    """
-
-    time: FloatArray
-    gyro_bias: FloatArray
-    accel_bias: FloatArray
-    roll: FloatArray
-    pitch: FloatArray
-    heading: FloatArray
-    velocity_ned: FloatArray
-    position_llh: FloatArray
-    angular_rate: FloatArray
-    specific_force: FloatArray
-
-    def columns(self) -> dict[str, FloatArray]:
-        """Return everything as flat columns of shape (n,), named as in `result.parquet`, SI and radians."""
-        table = {"time": self.time}
-        for name in ("gyro_bias", "accel_bias"):
-            table |= _split(name, AXES, getattr(self, name))
-        table |= {"roll": self.roll, "pitch": self.pitch, "heading": self.heading}
-        table |= _split("velocity", ("n", "e", "d"), self.velocity_ned)
-        table |= dict(zip(("latitude", "longitude", "height"), self.position_llh.T, strict=True))
-        for name in ("angular_rate", "specific_force"):
-            table |= _split(name, AXES, getattr(self, name))
-        return table
-
-
-def _split(name: str, suffixes: tuple[str, ...], rows: FloatArray) -> dict[str, FloatArray]:
-    return {f"{name}_{suffix}": column for suffix, column in zip(suffixes, rows.T, strict=True)}
 
 
 def simulate(
@@ -82,6 +36,7 @@ def simulate(
     standstill_s: float = 0.0,
     earth_rotation: bool = False,
     origin_llh: tuple[float, float, float] = ORIGIN_LLH,
+    speed: float = CRUISE_SPEED,
 ) -> tuple[Log, Truth]:
     """Simulate a named drive: the readings, and the truth behind them.
 
@@ -92,7 +47,8 @@ def simulate(
     Parameters
     ----------
     scenario : str
-        A key of `levelhead.sim.SCENARIOS`: field, windrower (alias curvy), hill, reverse, circle, straight.
+        A key of `levelhead.sim.SCENARIOS`: field, windrower (alias curvy), hill, crab, reverse, circle,
+        straight.
     seed : int
         Of everything random, not negative.
     duration : float
@@ -104,14 +60,21 @@ def simulate(
     standstill_s : float
         How long the vehicle stands before it sets off, s; 0 starts the run at cruise speed.
     earth_rotation : bool
-        Whether the gyros feel the Earth turn and the accelerometers the Coriolis force.
+        Whether the gyros feel the Earth turn and the accelerometers the Coriolis force and the normal gravity of the
+        place. Without it gravity is `levelhead.conventions.GRAVITY` everywhere; at the default origin the two agree
+        within 1e-5 m/s^2.
     origin_llh : (float, float, float)
-        Latitude, longitude (rad) and height (m) at time 0.
+        Latitude, longitude (rad) and height (m) at time 0, of the point that does not slip (`imu_from_axle` away
+        from the IMU).
+    speed : float
+        Cruise speed, m/s, from 0.1 to 60. Heading, roll and pitch are the same at every time whatever it is, so a
+        faster vehicle turns on larger radii; other speeds (in reverse, setting off) go in proportion.
 
     Returns
     -------
     log : Log
-        Readings in IMU axes; velocity and position of the antenna. A noise of 0 leaves its ``_std`` column out.
+        Readings in IMU axes; velocity and position of the antenna; wheel speed where the sensors have one. A noise of
+        0 leaves its ``_std`` column out.
     truth : Truth
         At the IMU samples.
 
@@ -121,12 +84,17 @@ def simulate(
         When the scenario is unknown or a number is out of range.
     """
     sensors = SensorModel() if sensors is None else sensors
-    drive = _checked(scenario, seed, duration, sensors, start, standstill_s, origin_llh)
+    drive = _checked(scenario, seed, duration, sensors, start, standstill_s, origin_llh, speed)
     end = start + duration
     vehicle = drive.build(generator(seed, Stream.PATH), end, standstill_s)
+    vehicle = replace(vehicle, pace=speed / CRUISE_SPEED)
 
     time = _stamps(start, end, sensors.imu_rate)
-    truth = _truth(vehicle, time, sensors, seed, earth_rotation, origin_llh)
+    motion = vehicle.motion(time, sensors.imu_from_axle)
+    position_llh = vehicle.position_llh(time, origin_llh)
+    if any(sensors.imu_from_axle):
+        position_llh = shifted(position_llh, motion.dcm_body_to_ned @ np.array(sensors.imu_from_axle))
+    truth = _truth(motion, position_llh, time, sensors, seed, earth_rotation)
     gnss_stamps = _stamps(start, end, sensors.gnss_rate)
     velocity, position = _gnss(vehicle, gnss_stamps - sensors.gnss_latency, sensors, seed, start, origin_llh)
 
@@ -143,6 +111,7 @@ def simulate(
         velocity_std=_constant(sensors.velocity_noise, gnss_stamps.size),
         position_llh=position,
         position_std=_constant(sensors.position_noise, gnss_stamps.size),
+        wheel_speed=sensors.read_wheels(motion.forward_speed, seed=seed, start=start),
         meta={
             "source": f"simulated:{scenario} seed {seed}",
             "format": "simulation",
@@ -161,6 +130,7 @@ def _checked(
     start: float,
     standstill_s: float,
     origin_llh: tuple[float, float, float],
+    speed: float,
 ) -> Scenario:
     """Return the scenario, or raise a sentence about the first argument that is out of range."""
     drive = SCENARIOS.get(scenario)
@@ -182,6 +152,9 @@ def _checked(
             f"duration is {duration} s, which makes {samples:.3g} IMU samples; simulate at most {_MOST_SAMPLES} at a "
             "time, and go on with start=."
         )
+    slowest, fastest = SPEED_RANGE
+    if not slowest <= speed <= fastest:
+        raise UsageError(f"speed is {speed} m/s; give a number from {slowest} to {fastest:g}.")
     if len(origin_llh) != 3 or not (
         all(math.isfinite(v) for v in origin_llh) and abs(math.degrees(origin_llh[0])) < 89
     ):
@@ -198,21 +171,23 @@ def _stamps(start: float, end: float, rate: float) -> FloatArray:
 
 
 def _truth(
-    vehicle: Vehicle,
+    motion: Motion,
+    position_llh: FloatArray,
     time: FloatArray,
     sensors: SensorModel,
     seed: int,
     earth_rotation: bool,
-    origin_llh: tuple[float, float, float],
 ) -> Truth:
-    """Return the truth at the given times, in IMU axes."""
-    motion = vehicle.motion(time)
-    position = vehicle.position_llh(time, origin_llh)
-    angular_rate, specific_force = inertial(motion, position if earth_rotation else None)
+    """Return the truth at the given times, in IMU axes, from the motion and position of the IMU."""
+    angular_rate, specific_force = inertial(motion, position_llh if earth_rotation else None)
+    relative_rate = motion.angular_rate
     roll, pitch, heading = motion.roll, motion.pitch, motion.heading
     if sensors.mounting_roll or sensors.mounting_pitch or sensors.mounting_yaw:
         mounting = sensors.dcm_imu_to_vehicle
-        angular_rate, specific_force = angular_rate @ mounting, specific_force @ mounting  # R^T v, row by row
+        # R^T v, row by row
+        angular_rate, specific_force, relative_rate = (
+            v @ mounting for v in (angular_rate, specific_force, relative_rate)
+        )
         dcm = motion.dcm_body_to_ned @ mounting
         roll = np.arctan2(dcm[:, 2, 1], dcm[:, 2, 2])
         pitch = -np.arcsin(np.clip(dcm[:, 2, 0], -1.0, 1.0))
@@ -226,9 +201,10 @@ def _truth(
         pitch=pitch,
         heading=_wrapped(heading),
         velocity_ned=motion.velocity_ned,
-        position_llh=position,
+        position_llh=position_llh,
         angular_rate=angular_rate,
         specific_force=specific_force,
+        relative_rate=relative_rate if earth_rotation else None,
     )
 
 
@@ -241,19 +217,16 @@ def _gnss(
     origin_llh: tuple[float, float, float],
 ) -> tuple[FloatArray, FloatArray]:
     """Return the antenna's velocity (NED) and position (llh) at the given times, with noise."""
-    motion = vehicle.motion(time)
+    motion = vehicle.motion(time, sensors.imu_from_axle)
     lever_arm = np.array(sensors.lever_arm)
     noise = sensors.velocity_noise * generator(seed, Stream.VELOCITY_NOISE, start).standard_normal((time.size, 3))
     velocity = motion.velocity_ned + noise
     velocity += to_ned(motion.dcm_body_to_ned, np.cross(motion.angular_rate, lever_arm))
 
     shift = sensors.position_noise * generator(seed, Stream.POSITION_NOISE, start).standard_normal((time.size, 3))
-    shift += to_ned(motion.dcm_body_to_ned, np.broadcast_to(lever_arm, shift.shape))
-    position = vehicle.position_llh(time, origin_llh)
-    meridian, normal = radii(position[:, 0])
-    height = position[:, 2]
-    per_metre = (1.0 / (meridian + height), 1.0 / ((normal + height) * np.cos(position[:, 0])), -np.ones_like(height))
-    return velocity, position + shift * np.stack(per_metre, axis=1)
+    from_axle = lever_arm + np.array(sensors.imu_from_axle)
+    shift += to_ned(motion.dcm_body_to_ned, np.broadcast_to(from_axle, shift.shape))
+    return velocity, shifted(vehicle.position_llh(time, origin_llh), shift)
 
 
 def _constant(sigma: float, count: int) -> FloatArray | None:

@@ -1,0 +1,72 @@
+"""The Earth that the simulated vehicle drives on: WGS-84's shape, rotation and normal gravity, for arrays of places."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from levelhead.conventions import FloatArray
+from levelhead.logs.geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
+
+EARTH_RATE: Final = 7.292115e-5
+"""Rotation of the Earth, rad/s (WGS-84)."""
+
+_EQUATOR_GRAVITY: Final = 9.7803253359
+_SOMIGLIANA: Final = 1.931852652e-3
+_FREE_AIR: Final = 3.086e-6
+
+
+def radii(latitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the radii of curvature of WGS-84, m: along the meridian, and across it."""
+    w = 1.0 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2
+    normal = SEMI_MAJOR_AXIS / np.sqrt(w)
+    return normal * (1.0 - ECCENTRICITY_SQUARED) / w, normal
+
+
+def normal_gravity(latitude: FloatArray, height: FloatArray) -> FloatArray:
+    """Return gravity on the ellipsoid (Somigliana) less the free-air gradient, m/s^2, shape (n,).
+
+    The formula of `levelhead.estimators.place.normal_gravity`, for arrays of latitude (rad) and height (m).
+    """
+    sine2 = np.sin(latitude) ** 2
+    surface = _EQUATOR_GRAVITY * (1.0 + _SOMIGLIANA * sine2) / np.sqrt(1.0 - ECCENTRICITY_SQUARED * sine2)
+    gravity: FloatArray = surface - _FREE_AIR * height
+    return gravity
+
+
+def turning_of_ned(position_llh: FloatArray, velocity_ned: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return Earth rate and transport rate, each of shape (n, 3), rad/s, NED.
+
+    Parameters
+    ----------
+    position_llh : ndarray, shape (n, 3)
+        Latitude, longitude (rad) and height (m).
+    velocity_ned : ndarray, shape (n, 3)
+        Relative to the Earth, m/s.
+    """
+    latitude, height = position_llh[:, 0], position_llh[:, 2]
+    meridian, normal = radii(latitude)
+    earth = EARTH_RATE * np.stack((np.cos(latitude), np.zeros_like(latitude), -np.sin(latitude)), axis=1)
+    eastward = velocity_ned[:, 1] / (normal + height)
+    northward = velocity_ned[:, 0] / (meridian + height)
+    transport = np.stack((eastward, -northward, -eastward * np.tan(latitude)), axis=1)
+    return earth, transport
+
+
+def shifted(position_llh: FloatArray, step_ned: FloatArray) -> FloatArray:
+    """Return the places a few metres from the given ones, shape (n, 3).
+
+    The radii of curvature at the place turn metres into angles; the Earth curves away by less than 1e-5 m over 10 m.
+
+    Parameters
+    ----------
+    position_llh : ndarray, shape (n, 3)
+        Latitude, longitude (rad) and height (m).
+    step_ned : ndarray, shape (n, 3)
+        m, NED.
+    """
+    latitude, height = position_llh[:, 0], position_llh[:, 2]
+    meridian, normal = radii(latitude)
+    per_metre = (1.0 / (meridian + height), 1.0 / ((normal + height) * np.cos(latitude)), -np.ones_like(height))
+    return position_llh + step_ned * np.stack(per_metre, axis=1)
