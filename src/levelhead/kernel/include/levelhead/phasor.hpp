@@ -13,6 +13,7 @@
 #include "settled.hpp"
 #include "phasor_navigate.hpp"
 #include "phasor_params.hpp"
+#include "phasor_start.hpp"
 #include "standstill.hpp"
 
 namespace levelhead {
@@ -60,6 +61,8 @@ struct Phasor {
     S since_steered, since_constrained;  // since course or axle last corrected the heading, and the axle, s
     S implausible;                       // for how long positions have been far away, s
     S wheel_speed, wheel_scale, wheel_scale_var;  // the last reading (NaN: used up); speed over reading, and its variance
+    Vec3<S> travel;                      // which way the axle that does not steer moves, body axes: learnt
+    S travel_var;                        // rad^2
     S started;                           // flag: the heading that the user knew has been used
     Recorder recorder;
 
@@ -77,6 +80,8 @@ struct Phasor {
         place = anchor.place = {NAN, NAN, NAN};
         wheel_speed = S(NAN);
         since_steered = since_constrained = S(1e9);
+        travel = {S(1), S(0), S(0)};
+        travel_var = S(unknown_travel_std * unknown_travel_std);
         directed = k.constrained ? S(1) : S(0);
     }
 
@@ -135,7 +140,7 @@ struct Phasor {
         if (fix.has_position) know_gravity(k, fix.position);
         if (platform.aligned > S(0.5)) move(k);
         const bool heading = platform.heading_known > S(0.5);
-        if (!fix.has_velocity && !heading && !from_positions(k, fix)) {
+        if (!fix.has_velocity && !heading && !from_positions(*this, k, fix)) {
             if (platform.aligned > S(0.5)) {
                 aid(k, false, false);
                 recorder.done(*this);
@@ -168,7 +173,7 @@ struct Phasor {
 
     Sigma<S> sigma() const { return shown_sigma(*this); }
 
-    // ---- the steps, public for what reads them: the navigator's part below, the smoother, tests ----
+    // ---- the steps; start-up and what navigates (phasor_start.hpp, phasor_navigate.hpp) are made of them ----
 
     Complex<S> to_level(S north, S east) const { return conj(azimuth) * Complex<S>{north, east}; }
 
@@ -221,7 +226,6 @@ struct Phasor {
     // From here on what has a direction is told apart.
     void direct() { directed = S(1); }
 
-  private:
     S latitude(const Params& k) const {
         if (!k.feel_earth) return S(NAN);
         return k.latitude == k.latitude ? k.latitude : S(place.latitude);
@@ -321,33 +325,23 @@ struct Phasor {
         if (e.was_aligned) {
             if (e.turned_now) {
                 azimuth = {dot(platform.dcm_body_to_ned.x, axis), dot(platform.dcm_body_to_ned.y, axis)};
-                take_course(k, e, fix, wrap_angle(heading(platform.dcm_body_to_ned) - heading_before));
+                take_course(*this, k, e, fix, wrap_angle(heading(platform.dcm_body_to_ned) - heading_before));
             }
             // Without a heading the accelerations of a moving vehicle have no direction: take the velocity, learn nothing.
             if (e.knew_heading || e.at_rest) {
                 correct(k, e, fix);
             } else {
                 recorder.done(*this);
-                take_velocity(k, e.velocity, fix);
+                take_velocity(*this, k, e.velocity, fix);
             }
             locate(*this, k, fix);
             aid(k, k.constrained, true);
         } else if (e.aligned_now) {
-            align_covariance(k, e, fix, known_heading(k, e));
+            align_covariance(*this, k, e, fix, known_heading(*this, k, e));
             locate(*this, k, fix);
         }
         begin_interval(platform, e, platform.aligned > S(0.5) ? platform.velocity_ned : e.velocity);
         if (e.was_aligned || e.aligned_now) recorder.done(*this);
-    }
-
-    // The heading that the user knew serves once, where the course tells none.
-    bool known_heading(const Params& k, const Sighting<S>& e) {
-        const bool use = !e.trusted && !(started > S(0.5)) && k.heading == k.heading;
-        started = S(1);
-        if (!use) return false;
-        platform.dcm_body_to_ned = turned_about_vertical(platform.dcm_body_to_ned, wrap_angle(k.heading - heading(platform.dcm_body_to_ned)));
-        platform.heading_known = S(1);
-        return true;
     }
 
     // An epoch with a position only: the heading is known, the filter's own velocity does the rest.
@@ -358,117 +352,23 @@ struct Phasor {
         recorder.done(*this);
     }
 
-    // Start-up from positions: a velocity from the way since the anchor, half of its turn later, and how wrong it can be.
-    bool from_positions(const Params& k, Fix<S>& fix) {
-        const Vec3<S> arm = platform.dcm_body_to_ned * k.platform.lever_arm;
-        const Geodetic imu = levelhead::moved(fix.position, widened(arm * S(-1)));
-        const S age = anchor.age, turn = anchor.turn + platform.turn;
-        const bool fresh = !known(anchor.place);
-        if (!fresh && age < S(align_time) * S(0.999)) return false;
-        const S length = maximum(age, S(1e-3));
-        const Vec3<S> mean = narrowed<S>(offset_ned(fresh ? imu : anchor.place, imu)) * (S(1) / length);
-        anchor = {imu, S(0), S(0)};
-        if (fresh) return false;
-        const Complex<S> later = Complex<S>{mean.x, mean.y} * Complex<S>{cosine(S(0.5) * turn), sine(S(0.5) * turn)};
-        fix.velocity = Vec3<S>{later.re, later.im, mean.z} + platform.dcm_body_to_ned * cross(platform.angular_rate, k.platform.lever_arm);
-        const S bend = S(0.5) * S(hidden_accel) * length, curve = S(0.25) * turn * turn * square_root(norm2(later));
-        const auto std = [&](S position_std) {
-            return square_root(S(2) * position_variance(k, position_std) / (length * length) + bend * bend + curve * curve);
-        };
-        const S level = std(horizontal_std(fix.position_std));
-        fix.std = {level, level, std(fix.position_std.z)};
-        fix.has_velocity = true;
-        return true;
-    }
-
     // What needs no fix: rest, the axle that does not slide, the wheels. `gnss` tells whether an epoch has just been taken.
     void aid(const Params& k, bool constrained, bool gnss) {
         if (k.find_rest && rest.time >= S(rest_window)) rest_now(*this, k);
         if (rest.still > S(0.5) || !(platform.heading_known > S(0.5))) return;
-        if (constrained) constrain(*this, k);
+        if (constrained) constrain(*this, k, gnss);
         if (wheel_speed == wheel_speed) roll_on(*this, k, gnss);
         wheel_speed = S(NAN);
     }
 
-  public:
     S velocity_variance(const Params& k, S std) const { return stated_variance(std, k.velocity_std, least_velocity_std, most_velocity_std); }
     S position_variance(const Params& k, S std) const { return stated_variance(std, k.position_std, least_position_std, most_position_std); }
-
-  private:
-    // After levelling, what the accelerometers read amiss is in the tilt: theta = i (mean of beta_a - dn/T) / g, plus what the
-    // gyro bias has turned since. In a turn the mean of a bias is not the bias: the integrals are those of a transition.
-    void align_covariance(const Params& k, const Sighting<S>& e, const Fix<S>& fix, bool told) {
-        PhasorCovariance<S>& p = horizontal;
-        const S over_g = S(1) / gravity, half = S(0.5) * fix.length;
-        const Transition<S> through = transition(fix.length, platform.turn, gravity);
-        const S r = velocity_variance(k, horizontal_std(fix.std));
-        azimuth = {S(1), S(0)};
-        yaw_rate = platform.turn * e.rate;
-        platform.turn = elapsed = gap_tilt = gap_velocity = tracked = S(0);
-        platform.velocity_ned = e.velocity;
-        feel_the_earth(k, S(0));
-        Transition<S> f{};
-        f.tg = times_i(conj(through.ng * conj(through.nn))) * (over_g * e.rate);
-        f.ta = times_i(through.na) * (over_g * e.rate);
-        direction = PhasorDirection<S>{};
-        forget_motion(p);
-        propagate(p, f);
-        turning.xx = e.trusted ? course_variance(k, e, fix, S(1)) : told ? k.heading_std * k.heading_std : S(unknown_heading_var);
-        turning.xb = S(0);
-        // Levelling on an acceleration seen from a wrong heading tilts the platform: theta = -f psi / g.
-        const Complex<S> lean = Complex<S>{e.gnss_force.x, e.gnss_force.y} * -over_g;
-        p.tt = p.tt + (S(2) * r * e.rate * e.rate + k.noise.accel * e.rate) * over_g * over_g + k.noise.gyro * half +
-               (e.trusted || told ? S(0) : norm2(lean));
-        p.nn = r;
-        p.nt = {S(0), r * e.rate * over_g};
-        share = HeadingShare<S>{};
-        if (e.trusted || told) share.x.t = lean;
-        recorder.moved(*this, f, HeadingShare<S>{}, fix.length, S(0), LiftStep<S>{S(0), S(0), S(0)});
-        lifting = {velocity_variance(k, fix.std.z), S(0), lifting.bb, S(0), S(0), S(0)};
-        if (e.trusted) since_steered = S(0);
-    }
-
-    static void forget_motion(PhasorCovariance<S>& p) {
-        p.nn = p.tt = p.pp = S(0);
-        p.nt = p.ng = p.na = p.tg = p.ta = p.np = p.tp = p.gp = p.ap = {S(0), S(0)};
-    }
 
     // One look at the course: velocity noise, and how much the vehicle slides or swings. That stays for a while, so that
     // many looks tell no more about it than one.
     S course_variance(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S looks) const {
         const S sliding = k.sideslip_std * k.sideslip_std + k.axle_std * k.axle_std * yaw_rate * yaw_rate / e.speed2;
         return velocity_variance(k, horizontal_std(fix.std)) / e.speed2 + sliding * looks;
-    }
-
-    void take_velocity(const Params& k, const Vec3<S>& velocity, const Fix<S>& fix) {
-        const bool positions = tracked > S(0.5);
-        Transition<S> f{};
-        f.tt = f.pp = {S(1), S(0)};
-        if (positions) propagate_position(horizontal, f);
-        propagate(horizontal, f);
-        direction = PhasorDirection<S>{};  // before the heading is known nothing has a direction
-        horizontal.nn = velocity_variance(k, horizontal_std(fix.std));
-        lifting.vv = velocity_variance(k, fix.std.z);
-        lifting.vb = lifting.dv = S(0);
-        platform.velocity_ned = velocity;
-        share.x.n = share.b.n = {S(0), S(0)};
-        recorder.moved(*this, f, HeadingShare<S>{}, S(0), S(1), LiftStep<S>{S(0), S(0), positions ? S(1) : S(0)});
-    }
-
-    // The first course; `angle` is what sight() has turned the heading by.
-    void take_course(const Params& k, const Sighting<S>& e, const Fix<S>& fix, S angle) {
-        const S r = course_variance(k, e, fix, S(1));
-        Observation<S> o{};
-        o.row.turn = S(1);
-        o.turn = measure(turning, r);
-        o.error = -angle;
-        o.left = r / o.turn.variance;
-        recorder.observed(o);
-        share = HeadingShare<S>{};
-        since_steered = S(0);
-        // Until now the Earth's horizontal rate had no direction and went into the gyro bias.
-        const Vec3<S> turn = frame_rate(latitude(k), platform.velocity_ned).turn;
-        horizontal.gg = horizontal.gg + S(0.5) * (turn.x * turn.x + turn.y * turn.y);
     }
 
     // Innovations beyond what chance allows are outliers: all of the fix is then trusted so much less that the worst of them

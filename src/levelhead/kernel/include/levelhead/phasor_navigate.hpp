@@ -94,9 +94,29 @@ void locate(Filter& f, const PhasorParams<S>& k, const Fix<S>& fix) {
     }
 }
 
+// Nor does it leave the ground: it moves along one direction of the body, which is learnt while GNSS tells the velocity, so
+// that the mounting does not matter; the attitude then tells how steep the way is. The tilt's error stays for long, and one
+// that the vertical cannot share with the horizontal: looks within that time count as one.
+template <class Filter, class S>
+void follow_slope(Filter& f, const PhasorParams<S>& k, const Vec3<S>& v, bool gnss) {
+    const PlatformState<S>& p = f.platform;
+    const S level2 = v.x * v.x + v.y * v.y, speed = norm(v) * (p.reverse > S(0.5) ? S(-1) : S(1));
+    const S tilt = f.horizontal.tt + shared_variance(f.turning, f.share.x.t, f.share.b.t);
+    const S since = maximum(f.since_constrained, S(1e-3)), sag = k.sideslip_std * k.sideslip_std;
+    const S looks = maximum(S(1), S(2.0 * tilt_time) / since);
+    if (gnss) {
+        const S r = (f.lifting.vv / level2 + tilt + sag) * looks, gain = f.travel_var / (f.travel_var + r);
+        f.travel = f.travel + (transposed_times(p.dcm_body_to_ned, v) * (S(1) / speed) - f.travel) * gain;
+        f.travel_var = r * gain;
+    }
+    const S down = dot(p.dcm_body_to_ned.z, f.travel), own = f.horizontal.nn * down * down;
+    const S r = (level2 * (tilt + f.travel_var + sag)) * looks + own, error = v.z - speed * down;
+    f.lift({S(1), S(0), S(0)}, error, r + (doubted(error, f.lifting.vv + r) - S(1)) * (f.lifting.vv + r));
+}
+
 // The axle that does not steer rolls where it points: its sideways velocity, v sin(course - heading), is none.
 template <class Filter, class S>
-void constrain(Filter& f, const PhasorParams<S>& k) {
+void constrain(Filter& f, const PhasorParams<S>& k, bool gnss) {
     const PlatformState<S>& p = f.platform;
     const Vec3<S> v = p.velocity_ned + p.dcm_body_to_ned * cross(p.angular_rate, k.rear_axle);
     const S speed2 = v.x * v.x + v.y * v.y;
@@ -112,6 +132,7 @@ void constrain(Filter& f, const PhasorParams<S>& k) {
     const S error = speed * angle, s = f.spread(row, slide * looks), d = doubted(error, s);
     f.direct();
     f.take(row, error, slide * looks + (d - S(1)) * s);
+    if (k.constrained) follow_slope(f, k, f.platform.velocity_ned + p.dcm_body_to_ned * cross(p.angular_rate, k.rear_axle), gnss);
     f.since_constrained = f.since_steered = S(0);
 }
 

@@ -39,6 +39,8 @@ constexpr double least_position_std = 1e-3, most_position_std = 1e6;  // m
 constexpr double gate_pair = 16.0;     // squared normalised horizontal innovation: one in 3000 is above it by chance
 constexpr double gate_one = 14.0;      // the same for one real innovation: one in 5000
 constexpr double sideslip_time = 2.0;  // how long a sideslip stays, s
+constexpr double tilt_time = 30.0;     // how long an error of the tilt stays, s
+constexpr double unknown_travel_std = 0.2;  // which way the axle moves in the body, before GNSS has told, rad
 constexpr double steer_memory = 3.0;   // a course or axle this long ago still counts as the source of the heading, s
 constexpr double wheel_scale_std = 0.05;    // a tyre's radius before anything has measured it, relative
 constexpr double jump_time = 10.0;     // positions that are far away for this long are right, and the filter's is wrong, s

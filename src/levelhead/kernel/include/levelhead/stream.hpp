@@ -77,7 +77,7 @@ struct Stream {
             broken = rest;
         }
         advance_to(t, mean_gyro, mean_accel);
-        if constexpr (Estimator::takes_wheels) watch(t);
+        watch(t);
         return take(t, w, f);
     }
 
@@ -141,12 +141,14 @@ struct Stream {
     }
 
     // What the estimator finds by itself becomes an event.
-    void watch(double t) {
-        const uint32_t now = estimator.manner() & STATIONARY;
-        if (now && !resting) note(events[S_STATIONARY], t);
-        resting = now;
-        if (estimator.jumps > jumps) note(events[W_POSITION_JUMP], t);
-        jumps = estimator.jumps;
+    void watch([[maybe_unused]] double t) {
+        if constexpr (Estimator::takes_wheels) {
+            const uint32_t now = estimator.manner() & STATIONARY;
+            if (now && !resting) note(events[S_STATIONARY], t);
+            resting = now;
+            if (estimator.jumps > jumps) note(events[W_POSITION_JUMP], t);
+            jumps = estimator.jumps;
+        }
     }
 
     void advance_to(double t, const Vec3<S>& w, const Vec3<S>& f) {
