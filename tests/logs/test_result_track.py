@@ -29,7 +29,7 @@ def result_columns(*, navigated: bool = True, reference: bool = False) -> Column
         latitude: FloatArray = np.full(8, 0.5 + 0.25 * k)
         latitude[0] = np.nan
         columns[f"{prefix}latitude"] = latitude
-        columns[f"{prefix}longitude"] = -1.8 + 1e-6 * np.arange(8)
+        columns[f"{prefix}longitude"] = np.linspace(-1.8, -1.79, 8)
         columns[f"{prefix}height"] = np.full(8, 100.0 + k)
         for i, axis in enumerate("ned"):
             columns[f"{prefix}velocity_{axis}"] = np.full(8, 10.0 * k + i)
