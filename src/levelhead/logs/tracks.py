@@ -264,7 +264,7 @@ def _pos(track: Track) -> str:
         "%",
         f"% (lat/lon/height={track.meta.get(DATUM_KEY, WGS84)}/{height},"
         "Q=1:fix,2:float,3:sbas,4:dgps,5:single,6:ppp,7:dr,ns=# of satellites)",
-        f"%  {scale:<26} {_POS_NAMES}sdun(m) age(s)  ratio{'' if velocity is None else _POS_VELOCITY_NAMES}",
+        f"%  {scale:<25} {_POS_NAMES}sdun(m) age(s)  ratio{'' if velocity is None else _POS_VELOCITY_NAMES}",
     ]
     stamps = _calendar(track)
     body = [form % (stamp, *row) for stamp, row in zip(stamps, np.hstack(columns).tolist(), strict=True)]
