@@ -30,6 +30,7 @@ def drive() -> Log:
         velocity_std=rng.uniform(0.01, 0.1, 20),
         position_llh=position,
         position_std=rng.uniform(0.01, 0.1, 20),
+        wheel_speed=np.where(np.arange(200) % 5 == 0, rng.normal(0.0, 5.0, 200), np.nan),
     )
 
 

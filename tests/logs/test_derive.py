@@ -96,6 +96,6 @@ def test_the_deviation_of_a_difference_is_that_of_two_positions_over_the_step() 
 
 def test_no_positions_or_no_neighbours_is_a_sentence(drive: Log) -> None:
     with pytest.raises(LogError, match="no GNSS positions to derive velocities from"):
-        velocity_from_position(replace(drive, position_llh=None))
+        velocity_from_position(replace(drive, position_llh=None, position_std=None))
     with pytest.raises(LogError, match="2 GNSS positions, no two of them within 5 s"):
         velocity_from_position(log_of(np.array([0.0, 6.0]), np.zeros((2, 3))))

@@ -61,6 +61,9 @@ def test_a_slice_holds_the_start_and_not_the_stop(drive: Log) -> None:
     assert part.velocity_ned is not None
     assert drive.velocity_ned is not None
     np.testing.assert_array_equal(part.velocity_ned, drive.velocity_ned[2:4])
+    assert part.wheel_speed is not None
+    assert drive.wheel_speed is not None
+    np.testing.assert_array_equal(part.wheel_speed, drive.wheel_speed[20:40])
     with pytest.raises(LogError, match=r"Between 20 and 30 s the log has 0 IMU samples.*runs from 0 to 9\.95 s"):
         drive.slice(20.0, 30.0)
 

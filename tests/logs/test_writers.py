@@ -20,7 +20,7 @@ from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.writers import write, write_table
 
-ARRAYS = ("time", "gyro", "accel", "gnss_time", "velocity_ned", "velocity_std", "position_std")
+ARRAYS = ("time", "gyro", "accel", "gnss_time", "velocity_ned", "velocity_std", "position_std", "wheel_speed")
 SUFFIXES = pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=64)
@@ -35,8 +35,12 @@ def logs(draw: st.DrawFn) -> Log:
     n, m = time.size, gnss_time.size
     with_velocity, with_position = draw(st.sampled_from([(True, True), (True, False), (False, True)]))
     angle = st.floats(-1.5, 1.5)
+    speeds = arrays(np.float64, n, elements=st.one_of(finite, st.just(np.nan)))
+    # Of a column without a single value nothing is left in a file.
+    wheel_speed = draw(st.none() | speeds.filter(lambda speed: bool(np.isfinite(speed).any())))
     return Log(
         time=time,
+        wheel_speed=wheel_speed,
         gyro=draw(arrays(np.float64, (n, 3), elements=finite)),
         accel=draw(arrays(np.float64, (n, 3), elements=finite)),
         gnss_time=gnss_time,

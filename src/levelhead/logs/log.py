@@ -8,12 +8,13 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.estimators.base import Result
 from levelhead.events import Event
+from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, WGS84, declared
 from levelhead.logs.geodesy import steps_ned
 
 MAX_DISTANCE_GAP_S: Final = 2.0
@@ -43,6 +44,34 @@ def _check_time(name: str, time: FloatArray) -> None:
         )
 
 
+def _refuse(name: str, bad: NDArray[np.bool_], what: str, remedy: str) -> None:
+    """Raise a sentence that names the first of the rows for which `bad` is true."""
+    rows = np.flatnonzero(bad if bad.ndim == 1 else bad.any(axis=1))
+    if rows.size:
+        raise LogError(f"{name} {what} at row {rows[0] + 1} ({rows.size} such rows in all); {remedy}.")
+
+
+def _check_positions(position_llh: FloatArray | None, position_std: FloatArray | None) -> None:
+    """Refuse positions that are no place, and sigmas without a position or without a size."""
+    if position_llh is not None:
+        _refuse("position_llh", np.isinf(position_llh), "is infinite", "pass NaN where there is no position")
+        degrees = "pass radians, np.radians(degrees)"
+        latitude, longitude = np.abs(position_llh[:, 0]), np.abs(position_llh[:, 1])
+        _refuse("position_llh", latitude > np.pi / 2.0, "has a latitude beyond pi/2 rad (90 degrees)", degrees)
+        _refuse("position_llh", longitude > 2.0 * np.pi, "has a longitude beyond 2 pi rad (360 degrees)", degrees)
+        no_lat, no_lon, no_height = np.isnan(position_llh).T
+        alone = no_lat & no_lon & ~no_height
+        _refuse("position_llh", alone, "has a height without latitude and longitude", "pass NaN for the height too")
+        half = (no_lat | no_lon | no_height) & ~(no_lat & no_lon & no_height)
+        _refuse("position_llh", half, "has part of a position", "pass NaN for all three, or none")
+    if position_std is None:
+        return
+    if position_llh is None:
+        raise LogError("position_std is given without positions; pass position_llh too, or leave position_std out.")
+    no_size = (position_std <= 0.0) | np.isinf(position_std)
+    _refuse("position_std", no_size, "is not positive and finite", "pass NaN where it is not known")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Log:
     """An IMU + GNSS log: body frame FRD, navigation frame NED, SI units and radians.
@@ -61,21 +90,25 @@ class Log:
     velocity_std : array_like, shape (m,) or (m, 3), optional
         One sigma of the velocity, m/s.
     position_llh : array_like, shape (m, 3), optional
-        Latitude (rad), longitude (rad) and height (m).
+        Latitude (rad), longitude (rad) and height (m) in WGS84 or a datum within a metre of it; a row is whole, or
+        NaN altogether.
     position_std : array_like, shape (m,) or (m, 3), optional
-        One sigma of the position, m.
+        One sigma of the position, m; NaN where it is not known.
     wheel_speed : array_like, shape (n,), optional
-        Speed over ground that the wheels tell at the IMU's stamps, m/s, negative in reverse; NaN where there is none.
+        Speed over ground that the wheels tell at the IMU's stamps, m/s along the vehicle's forward axis, negative in
+        reverse; NaN where there is none.
     meta : mapping, optional
         What is known about the log's origin: ``source``, ``format``, ``completeness``
-        (``complete | truncated | malformed_record``), ``epoch``...
+        (``complete | truncated | malformed_record``), ``epoch``, ``datum`` ("WGS84" unless it says otherwise),
+        ``height`` (what heights count from: "ellipsoidal" or "mean sea level")...
     events : tuple of Event, optional
         What happened while the log was read.
 
     Raises
     ------
     LogError
-        When shapes disagree, time does not advance, or a reading is not finite.
+        When shapes disagree, time does not advance, a reading is not finite, a position is not on the globe or only
+        half there, a sigma of a position is none, or the datum is not one that lies within a metre of WGS84.
     """
 
     time: FloatArray
@@ -120,9 +153,13 @@ class Log:
                 put(name, _array(name, value, (m,) if np.ndim(value) == 1 else (m, 3)))
         if self.wheel_speed is not None:
             put("wheel_speed", _array("wheel_speed", self.wheel_speed, (n,)))
+            _refuse("wheel_speed", np.isinf(self.wheel_speed), "is infinite", "pass NaN where there is none")
         if self.velocity_ned is None and self.position_llh is None:
             raise LogError("The log has neither GNSS velocities nor positions; pass velocity_ned or position_llh.")
-        put("meta", MappingProxyType(dict(self.meta)))
+        _check_positions(self.position_llh, self.position_std)
+        datum, height = (self.meta.get(key, default) for key, default in ((DATUM_KEY, WGS84), (HEIGHT_KEY, None)))
+        known = declared("The log's meta", datum=str(datum), height=None if height is None else str(height))
+        put("meta", MappingProxyType({**self.meta, **known}))
 
     @property
     def duration(self) -> float:

@@ -2,7 +2,7 @@
 
 ::
 
-    [imu]
+    [imu]                 # wheel_speed is one more column that it may have
     header = false        # the columns are numbered from 1; true (the default): they are named by the first line
     delimiter = ","       # the default
     columns = { time = 7, accel_x = 1, accel_y = 2, accel_z = 3, gyro_x = 4, gyro_y = 5, gyro_z = 6 }
@@ -16,6 +16,8 @@
     columns = { time = "stamp", lat = "latitude", lon = "longitude", height = "altitude" }
     units = { time = "s" }
     time_offset_s = -0.5
+    datum = "ETRS89"      # within a metre of WGS84, the default
+    height = "mean sea level"     # or "ellipsoidal"
 
 Mounting is the attitude of the IMU (its axes already forward, right, down) relative to the vehicle, as yaw, pitch,
 roll (3-2-1): ``v_vehicle = Rz(yaw) Ry(pitch) Rx(roll) v_imu``. An IMU whose x axis points to the right of the
@@ -44,15 +46,18 @@ from levelhead.conventions import (
     UNIT_FACTORS,
     VELOCITY_COLUMNS,
     VELOCITY_STD_COLUMN,
+    WHEEL_SPEED_COLUMN,
     FloatArray,
 )
 from levelhead.errors import UsageError
+from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, declared
 
 UP_COLUMN: Final = "vel_u"
 """A velocity column of mappings only: up, the negative of vel_d."""
 
 _TABLE_KEYS: Final = ("header", "delimiter", "columns", "units", "time_offset_s")
 _IMU_KEYS: Final = (*_TABLE_KEYS, "axes", "mounting_deg", "time_zero")
+_GNSS_KEYS: Final = (*_TABLE_KEYS, DATUM_KEY, HEIGHT_KEY)
 _IMU_COLUMNS: Final = (TIME_COLUMN, *GYRO_COLUMNS, *ACCEL_COLUMNS)
 _GNSS_COLUMNS: Final = (
     TIME_COLUMN,
@@ -106,9 +111,10 @@ class ImuMapping:
 
 @dataclass(frozen=True, kw_only=True)
 class GnssMapping:
-    """The section ``[gnss]``."""
+    """The section ``[gnss]``; `meta` has the datum and the height reference that it declares."""
 
     table: TableMapping
+    meta: Mapping[str, object]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +132,8 @@ def load_mapping(path: str | os.PathLike[str]) -> LogMapping:
     ------
     UsageError
         When it does not exist, is not TOML, has an unknown key or a value that makes no sense.
+    LogError
+        When it declares a datum that levelhead does not take.
     """
     file = Path(path)
     try:
@@ -163,7 +171,7 @@ def _imu(where: str, section: Mapping[str, object]) -> ImuMapping:
     mounted = rotation_321(roll=turns.get("roll", 0.0), pitch=turns.get("pitch", 0.0), yaw=turns.get("yaw", 0.0))
     axes = _axes(where, section.get("axes", ["x", "y", "z"]))
     return ImuMapping(
-        table=_table(where, section, _IMU_COLUMNS, required=_IMU_COLUMNS),
+        table=_table(where, section, (*_IMU_COLUMNS, WHEEL_SPEED_COLUMN), required=_IMU_COLUMNS),
         # Without mounting the product would only add rounding and negative zeros.
         dcm_file_to_body=mounted @ axes if any(turns.values()) else axes,
         time_zero_s=_instant(where, section["time_zero"]) if "time_zero" in section else None,
@@ -171,7 +179,7 @@ def _imu(where: str, section: Mapping[str, object]) -> ImuMapping:
 
 
 def _gnss(where: str, section: Mapping[str, object]) -> GnssMapping:
-    _known_keys(where, section, _TABLE_KEYS)
+    _known_keys(where, section, _GNSS_KEYS)
     table = _table(where, section, _GNSS_COLUMNS, required=(TIME_COLUMN,))
     has = set(table.columns)
     if VELOCITY_COLUMNS[2] in has and UP_COLUMN in has:
@@ -185,7 +193,12 @@ def _gnss(where: str, section: Mapping[str, object]) -> GnssMapping:
         )
     if has & set(POSITION_COLUMNS) and not position:
         raise UsageError(f"{where}: columns has some of lat, lon and height; give all three or none.")
-    return GnssMapping(table=table)
+    if POSITION_STD_COLUMN in has and not position:
+        raise UsageError(
+            f"{where}: columns has pos_std without lat, lon and height; give the positions or leave it out."
+        )
+    datum, height = (_text(where, key, section.get(key)) for key in (DATUM_KEY, HEIGHT_KEY))
+    return GnssMapping(table=table, meta=declared(where, datum=datum, height=height))
 
 
 def _table(
@@ -289,6 +302,12 @@ def _known_keys(where: str, table: Mapping[str, object], known: tuple[str, ...])
     unknown = [key for key in table if key not in known]
     if unknown:
         raise UsageError(f"{where}: the key {unknown[0]!r} is not known; the keys are {', '.join(known)}.")
+
+
+def _text(where: str, key: str, value: object) -> str | None:
+    if value is not None and not isinstance(value, str):
+        raise UsageError(f"{where}: {key} is {value!r}; write text in quotation marks.")
+    return value
 
 
 def _number(where: str, key: str, value: object) -> float:

@@ -19,11 +19,12 @@ ABSOLUTE_CLOCK_S: Final = 1e6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuData:
-    """IMU samples: time (n,) s, gyro (n, 3) rad/s and accel (n, 3) m/s^2 readings, body FRD."""
+    """IMU samples: time (n,) s, gyro (n, 3) rad/s and accel (n, 3) m/s^2 readings, body FRD; wheel speed (n,) m/s."""
 
     time: FloatArray
     gyro: FloatArray
     accel: FloatArray
+    wheel_speed: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,6 +113,7 @@ def join(
         velocity_std=gnss.velocity_std,
         position_llh=gnss.position_llh,
         position_std=gnss.position_std,
+        wheel_speed=imu.wheel_speed,
         meta=known,
         events=events,
     )

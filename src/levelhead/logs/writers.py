@@ -20,11 +20,12 @@ from levelhead.conventions import (
     TIME_COLUMN,
     VELOCITY_COLUMNS,
     VELOCITY_STD_COLUMN,
+    WHEEL_SPEED_COLUMN,
     FloatArray,
 )
 from levelhead.errors import UsageError
 from levelhead.logs.log import Log
-from levelhead.logs.readers.canonical_parquet import EARTH_KEY, EPOCH_KEY, UNIT_KEY
+from levelhead.logs.readers.canonical_parquet import EARTH_KEY, EPOCH_KEY, TEXT_KEYS, UNIT_KEY
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -44,8 +45,8 @@ def write(log: Log, path: str | os.PathLike[str]) -> None:
 
     Reading the file gives the same numbers to the bit, latitude and longitude (degrees in the file) to 2 units in
     the last place. The canonical log has one deviation per epoch: of three components the root mean square of the
-    horizontal two is written. ``meta["epoch"]`` and ``meta["earth_rotation"]`` are kept in Parquet; CSV has no place
-    for them.
+    horizontal two is written. Of ``meta``, ``epoch``, ``gnss_time_scale``, ``datum``, ``height`` and
+    ``earth_rotation`` are kept in Parquet; CSV has no place for them.
 
     Parameters
     ----------
@@ -66,13 +67,21 @@ def write(log: Log, path: str | os.PathLike[str]) -> None:
         raise UsageError(f"{target.name} has the suffix {target.suffix!r}; a log is written as .csv or .parquet.")
     columns = log_columns(log)
     if target.suffix == ".parquet":
-        epoch = log.meta.get("epoch")
-        metadata = {EPOCH_KEY: repr(float(epoch)).encode()} if isinstance(epoch, int | float) else {}
-        if not log.meta.get("earth_rotation", True):
-            metadata[EARTH_KEY] = b"false"
-        _write_parquet(columns, CANONICAL_UNITS, metadata, target)
+        _write_parquet(columns, CANONICAL_UNITS, _metadata(log.meta), target)
     else:
         _write_csv(_arrow_table(columns, {}, {}), target)
+
+
+def _metadata(meta: Mapping[str, object]) -> dict[bytes, bytes]:
+    """Return what a Parquet file keeps of `Log.meta`."""
+    epoch = meta.get("epoch")
+    metadata = {EPOCH_KEY: repr(float(epoch)).encode()} if isinstance(epoch, int | float) else {}
+    if not meta.get("earth_rotation", True):
+        metadata[EARTH_KEY] = b"false"
+    for name, key in TEXT_KEYS.items():
+        if isinstance(meta.get(name), str):
+            metadata[key] = str(meta[name]).encode()
+    return metadata
 
 
 def write_table(columns: Mapping[str, Array], units: Mapping[str, str], path: str | os.PathLike[str]) -> None:
@@ -112,6 +121,8 @@ def log_columns(log: Log) -> dict[str, FloatArray]:
     for names, readings in ((GYRO_COLUMNS, log.gyro), (ACCEL_COLUMNS, log.accel)):
         for k, name in enumerate(names):
             put(name, imu_rows, readings[:, k])
+    if log.wheel_speed is not None:
+        put(WHEEL_SPEED_COLUMN, imu_rows, log.wheel_speed)
     if log.velocity_ned is not None:
         for k, name in enumerate(VELOCITY_COLUMNS):
             put(name, gnss_rows, log.velocity_ned[:, k])

@@ -8,6 +8,7 @@ from typing import Final
 
 from levelhead.errors import LogError, UsageError
 from levelhead.events import Event
+from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import Pieces, join
@@ -51,7 +52,8 @@ def read(
     -------
     Log
         ``meta`` has ``source``, ``format`` and ``completeness`` (and ``gnss_source``, ``gnss_format`` with two
-        files), and ``epoch``, the reading of the file's clock at the log's zero, where the clock was foreign.
+        files), ``datum`` and, where a file declares it, ``height`` (see `levelhead.logs.datum`), and ``epoch``, the
+        reading of the file's clock at the log's zero, where the clock was foreign.
 
     Raises
     ------
@@ -80,6 +82,7 @@ def read(
         if gnss_data is not None:
             raise UsageError(f"{main.name} has GNSS columns of its own; leave out the GNSS file {gnss_path.name}.")
         gnss_pieces, gnss_reader = _read_file(gnss_path, "gnss", None, None, gnss_mapping)
+        check_agreement(main.name, pieces.meta, gnss_path.name, gnss_pieces.meta)
         gnss_data = gnss_pieces.gnss
         meta = {**gnss_pieces.meta, **meta, "gnss_source": gnss_path.name, "gnss_format": gnss_reader.name}
         cut[gnss_path.name] = gnss_pieces.left_out

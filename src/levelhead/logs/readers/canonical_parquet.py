@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
+from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, declared
 from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source, Table
 from levelhead.logs.readers.columns import find_columns, pieces_from_table
@@ -19,6 +21,9 @@ EPOCH_KEY: Final = b"levelhead.epoch"
 """Table metadata: ``meta["epoch"]`` of the log that was written."""
 EARTH_KEY: Final = b"levelhead.earth_rotation"
 """Table metadata: "false" in a simulated log whose Earth stands still."""
+TEXT_KEYS: Final = {"datum": b"datum", "height": b"height", "gnss_time_scale": b"levelhead.gnss_time_scale"}
+"""Entries of `Log.meta` that are text, and the table metadata that keep them; who writes a log may declare the first
+two (see `levelhead.logs.datum`)."""
 MAX_VALUES: Final = 500_000_000
 """Numbers that are read at most (4 GB): more is a mistake or an attack."""
 MAX_ROWS_PER_BYTE: Final = 20
@@ -70,6 +75,7 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
         kind = schema.field(found.index).type
         if not _is_numeric(kind):
             raise LogError(f"{name}: the column {column} is of type {kind}; store numbers (float64).")
+    meta = _meta(name, schema.metadata or {})
     # One column at a time: the whole table beside its copies would double what a long log needs. One thread: Arrow's
     # pool sometimes aborts a short process at its exit (apache/arrow#34314).
     scaled: dict[str, FloatArray] = {}
@@ -80,11 +86,19 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}"))
     scaled.clear()
     pa.default_memory_pool().release_unused()
-    epoch = _decoded((schema.metadata or {}).get(EPOCH_KEY))
-    meta: dict[str, object] = {} if epoch is None else {"epoch": _epoch(name, epoch)}
-    if _decoded((schema.metadata or {}).get(EARTH_KEY)) == "false":
-        meta["earth_rotation"] = False
     return Pieces(imu=pieces.imu, gnss=pieces.gnss, meta=meta)
+
+
+def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:
+    """Return what the table's metadata say of the log."""
+    epoch = _decoded(metadata.get(EPOCH_KEY))
+    meta: dict[str, object] = {} if epoch is None else {"epoch": _epoch(name, epoch)}
+    if _decoded(metadata.get(EARTH_KEY)) == "false":
+        meta["earth_rotation"] = False
+    text = {entry: _decoded(metadata[key]) for entry, key in TEXT_KEYS.items() if key in metadata}
+    if "gnss_time_scale" in text:
+        meta["gnss_time_scale"] = text["gnss_time_scale"]
+    return {**meta, **declared(name, datum=text.get(DATUM_KEY), height=text.get(HEIGHT_KEY))}
 
 
 def _is_numeric(kind: object) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,6 +21,7 @@ from levelhead.conventions import (
     UNIT_FACTORS,
     VELOCITY_COLUMNS,
     VELOCITY_STD_COLUMN,
+    WHEEL_SPEED_COLUMN,
     FloatArray,
 )
 from levelhead.errors import LogError
@@ -74,14 +75,15 @@ def find_columns(name: str, headers: Sequence[str], units: Sequence[str | None],
     units : sequence of str or None
         Units that are declared elsewhere (Parquet metadata); a unit in the name wins.
     role : {"imu", "gnss"}
-        With ``gnss``, the IMU columns are not asked for and not read.
+        With ``gnss``, the IMU columns (wheel speed is one of them) are not asked for and not read.
 
     Raises
     ------
     LogError
-        On columns that are missing or given twice, and on unknown units.
+        On columns that are missing, given twice or of no use without others, and on unknown units.
     """
     found: dict[str, Column] = {}
+    skipped: set[str] = set()
     for index, (header, unit_elsewhere) in enumerate(zip(headers, units, strict=True)):
         column, unit = split_unit(header)
         unit = unit_elsewhere if unit is None else unit
@@ -89,17 +91,30 @@ def find_columns(name: str, headers: Sequence[str], units: Sequence[str | None],
             continue
         if column in found:
             raise LogError(f"{name}: the column {column} appears twice in the header; rename or remove one of them.")
-        if role == "gnss" and column in IMU_COLUMNS:
+        if role == "gnss" and column in (*IMU_COLUMNS, WHEEL_SPEED_COLUMN):
+            skipped.add(column)
             continue
         factor = 1.0 if unit is None else unit_factor(column, unit, where=name)
         found[column] = Column(index=index, factor=factor)
     _require(name, headers, found, (TIME_COLUMN,))
+    _refuse_alone(name, found.keys() | skipped)
     if any(c in found for c in IMU_COLUMNS) or not any(c in found for c in GNSS_COLUMNS):
         _require(name, headers, found, IMU_COLUMNS if role == "imu" else VELOCITY_COLUMNS)
     for group in (VELOCITY_COLUMNS, POSITION_COLUMNS):
         if any(c in found for c in group):
             _require(name, headers, found, group)
     return found
+
+
+def _refuse_alone(name: str, columns: Set[str]) -> None:
+    """Refuse columns that say nothing without those that they belong to."""
+    for column, partner, remedy in (
+        (WHEEL_SPEED_COLUMN, IMU_COLUMNS[0], "a wheel speed belongs to an IMU sample: put it into the IMU file"),
+        (POSITION_COLUMNS[2], POSITION_COLUMNS[0], "a height alone is no position: add lat and lon, or rename it"),
+        (POSITION_STD_COLUMN, POSITION_COLUMNS[0], "add the positions that it is the deviation of, or rename it"),
+    ):
+        if column in columns and partner not in columns:
+            raise LogError(f"{name}: the column {column} stands without {partner}; {remedy}.")
 
 
 def _require(name: str, headers: Sequence[str], found: dict[str, Column], wanted: Sequence[str]) -> None:
@@ -125,7 +140,8 @@ def pieces_from_table(table: Table) -> Pieces:
     Raises
     ------
     LogError
-        On empty or half-empty rows, infinite numbers, and time stamps that are absent or do not advance.
+        On empty or half-empty rows, infinite numbers, places that are not on the globe, deviations that are none, and
+        time stamps that are absent or do not advance.
     """
     time = table.columns[TIME_COLUMN]
     if time.size == 0:
@@ -134,6 +150,8 @@ def pieces_from_table(table: Table) -> Pieces:
         _refuse(table, np.isinf(values), f"{column} is infinite", "remove that row")
     _refuse(table, np.isnan(time), "the time stamp is absent", "every row needs one")
     imu_rows = _present(table, IMU_COLUMNS)
+    _check_wheel_speed(table, imu_rows)
+    _check_positions(table)
     gnss_rows = _present(table, VELOCITY_COLUMNS) | _present(table, POSITION_COLUMNS)
     if IMU_COLUMNS[0] in table.columns:
         _refuse(table, ~imu_rows & ~gnss_rows, "the row has neither IMU readings nor a GNSS fix", "remove that row")
@@ -146,7 +164,9 @@ def pieces_from_table(table: Table) -> Pieces:
     imu = None
     if imu_rows.any():
         gyro, accel = _stacked(table, GYRO_COLUMNS, imu_rows), _stacked(table, ACCEL_COLUMNS, imu_rows)
-        imu = ImuData(time=time[imu_rows], gyro=gyro, accel=accel)
+        imu = ImuData(
+            time=time[imu_rows], gyro=gyro, accel=accel, wheel_speed=_column(table, WHEEL_SPEED_COLUMN, imu_rows)
+        )
     gnss = _gnss(table, gnss_rows) if gnss_rows.any() else None
     return Pieces(imu=imu, gnss=gnss, left_out=table.left_out)
 
@@ -176,23 +196,48 @@ def _stacked(table: Table, names: Sequence[str], rows: BoolArray) -> FloatArray:
     return np.column_stack([table.columns[c][rows] for c in names])
 
 
+def _column(table: Table, name: str, rows: BoolArray) -> FloatArray | None:
+    """Return some rows of a column that a file may lack or leave empty."""
+    return none_if_absent(table.columns[name][rows]) if name in table.columns else None
+
+
+def _check_wheel_speed(table: Table, imu_rows: BoolArray) -> None:
+    if WHEEL_SPEED_COLUMN not in table.columns:
+        return
+    alone = ~np.isnan(table.columns[WHEEL_SPEED_COLUMN]) & ~imu_rows
+    remedy = "give each wheel speed on the row of the IMU sample nearest to it"
+    _refuse(table, alone, f"{WHEEL_SPEED_COLUMN} stands on a row without IMU readings", remedy)
+
+
+def _check_positions(table: Table) -> None:
+    """Refuse places beyond the globe, heights without a place, and deviations without one or of no size."""
+    if POSITION_COLUMNS[0] not in table.columns:
+        return
+    lat, lon, height = (table.columns[c] for c in POSITION_COLUMNS)
+    for name, values, limit in (("lat", lat, 90.0), ("lon", lon, 360.0)):
+        what = f"{name} is beyond {limit:g} degrees"
+        _refuse(table, np.abs(values) > limit, what, "give degrees as decimal numbers, not ddmm.mmmm")
+    alone = ~np.isnan(height) & np.isnan(lat) & np.isnan(lon)
+    _refuse(table, alone, "the height has no lat and lon beside it", "fill them in, or leave the height empty too")
+    if POSITION_STD_COLUMN in table.columns:
+        std = table.columns[POSITION_STD_COLUMN]
+        _refuse(table, std <= 0.0, f"{POSITION_STD_COLUMN} is not positive", "leave it empty where it is not known")
+        if np.isfinite(std).any() and not np.isfinite(lat).any():
+            raise LogError(
+                f"{table.name}: {POSITION_STD_COLUMN} has values, but lat, lon and height are empty on every row; fill "
+                "in the positions, or leave it out."
+            )
+
+
 def _gnss(table: Table, rows: BoolArray) -> GnssData:
-    if POSITION_COLUMNS[0] in table.columns:
-        latitude, longitude = (np.abs(table.columns[c]) for c in POSITION_COLUMNS[:2])
-        beyond = (latitude > 90.0) | (longitude > 360.0)
-        _refuse(table, beyond, "lat or lon is beyond the globe", "give degrees as decimal numbers, not ddmm.mmmm")
     position = _stacked(table, POSITION_COLUMNS, rows)
-
-    def column(name: str) -> FloatArray | None:
-        return none_if_absent(table.columns[name][rows]) if name in table.columns else None
-
     position_rad = np.column_stack((np.radians(position[:, :2]), position[:, 2]))
     return GnssData(
         time=table.columns[TIME_COLUMN][rows],
         velocity_ned=none_if_absent(_stacked(table, VELOCITY_COLUMNS, rows)),
-        velocity_std=column(VELOCITY_STD_COLUMN),
+        velocity_std=_column(table, VELOCITY_STD_COLUMN, rows),
         position_llh=none_if_absent(position_rad),
-        position_std=column(POSITION_STD_COLUMN),
+        position_std=_column(table, POSITION_STD_COLUMN, rows),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from levelhead.conventions import TIME_COLUMN
@@ -40,12 +41,13 @@ def read(source: Source) -> Pieces:
         raw = pieces_from_table(table).imu
         if raw is not None:
             dcm = source.imu_mapping.dcm_file_to_body
-            imu = ImuData(time=raw.time, gyro=raw.gyro @ dcm.T, accel=raw.accel @ dcm.T)
+            imu = replace(raw, gyro=raw.gyro @ dcm.T, accel=raw.accel @ dcm.T)
     if source.gnss_mapping is not None:
         table = _read_table(source, source.gnss_mapping.table, 0.0)
         left_out = max(left_out, table.left_out)
         gnss = pieces_from_table(table).gnss
-    return Pieces(imu=imu, gnss=gnss, left_out=left_out, from_zero=True)
+    meta = {} if source.gnss_mapping is None else source.gnss_mapping.meta
+    return Pieces(imu=imu, gnss=gnss, left_out=left_out, from_zero=True, meta=meta)
 
 
 def _read_table(source: Source, mapping: TableMapping, time_zero_s: float) -> Table:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
+from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, declared
 from levelhead.logs.pieces import GnssData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
@@ -27,6 +28,9 @@ WEEK_S: Final = 604800.0
 TIME_SCALES: Final = ("GPST", "UTC", "JST")
 
 _COLUMN_LINE = re.compile(rb"^%\s*(GPST|UTC|JST)\b(.*)$", re.MULTILINE)
+_DATUM_LINE = re.compile(rb"^%\s*\(lat/lon/height=([^/,)\r\n]*)/([^,)\r\n]*)", re.MULTILINE)
+_HEIGHTS: Final = {"ellipsoidal": ELLIPSOIDAL, "geodetic": MEAN_SEA_LEVEL}
+"""RTKLIB's words for what heights count from; "geodetic" are those over its geoid model."""
 _POSITION: Final = ("latitude", "longitude", "height")
 
 
@@ -41,11 +45,13 @@ def read(source: Source) -> Pieces:
     Raises
     ------
     LogError
-        On formats without latitude, longitude and height in degrees, and on lines that are no solution.
+        On formats without latitude, longitude and height in degrees, on datums that are not WGS84 or within a metre of
+        it, and on lines that are no solution.
     """
     name = source.path.name
     content = source.path.read_bytes()
     scale, names = _column_names(name, content)
+    meta = _datum(name, content)
     lines, numbers_of, left_out = _solution_lines(content, len(names) + 2)
     tokens = _tokens(name, lines, numbers_of, len(names) + 2)
     if len(tokens) == 0:
@@ -58,6 +64,7 @@ def read(source: Source) -> Pieces:
             f"{name}, line {numbers_of[int(back[0]) + 1]}: the time does not advance ({back.size} such lines in all); "
             "sort the solutions and drop repeated ones."
         )
+    _check_globe(name, values, numbers_of)
     llh = np.column_stack([values[n] for n in _POSITION])
     gnss = GnssData(
         time=time,
@@ -66,7 +73,7 @@ def read(source: Source) -> Pieces:
         position_llh=np.column_stack((np.radians(llh[:, :2]), llh[:, 2])),
         position_std=_deviations(values, ("sdn", "sde", "sdu")),
     )
-    return Pieces(gnss=gnss, left_out=left_out, meta={"gnss_time_scale": scale})
+    return Pieces(gnss=gnss, left_out=left_out, meta={"gnss_time_scale": scale, **meta})
 
 
 _USED: Final = frozenset((*_POSITION, "vn", "ve", "vu", "sdvn", "sdve", "sdvu", "sdn", "sde", "sdu"))
@@ -85,6 +92,25 @@ def _column_names(name: str, content: bytes) -> tuple[str, list[str]]:
             f"{', '.join(names[:3])}); set RTKLIB's out-solformat = llh and out-degform = deg."
         )
     return matches[-1].group(1).decode(), [n.partition("(")[0] for n in names]
+
+
+def _datum(name: str, content: bytes) -> dict[str, object]:
+    """Return the datum and the height reference of the header line ``% (lat/lon/height=WGS84/ellipsoidal,...)``."""
+    line = _DATUM_LINE.search(content)
+    if line is None:
+        return {}
+    datum, height = (text.decode("utf-8", errors="replace").strip() for text in line.groups())
+    return declared(name, datum=datum, height=_HEIGHTS.get(height, height))
+
+
+def _check_globe(name: str, values: dict[str, FloatArray], numbers_of: Sequence[int]) -> None:
+    for column, limit in (("latitude", 90.0), ("longitude", 360.0)):
+        beyond = np.flatnonzero(np.abs(values[column]) > limit)
+        if beyond.size:
+            raise LogError(
+                f"{name}, line {numbers_of[int(beyond[0])]}: the {column} is beyond {limit:g} degrees ({beyond.size} "
+                "such lines in all); repair or remove the line."
+            )
 
 
 def _solution_lines(content: bytes, width: int) -> tuple[list[bytes], list[int], int]:
