@@ -22,6 +22,8 @@ SPEED = 10.0
 LATITUDE = math.radians(48.0)
 LEVER_ARM: Triple = (1.5, -0.5, -2.0)
 ROLL, PITCH, HEADING = 0.1, -0.05, 1.7
+DATE_LINE = 1500.3
+"""How far from the start it is, m: between two samples of the IMU."""
 DRIFT = np.array([0.3, -0.4, 0.1])
 """Of the made-up estimator, NED, m per second without GNSS: 0.5 m/s horizontally."""
 OFFSET = np.array([0.02, 0.0, -0.01])
@@ -34,12 +36,12 @@ def to_llh(ned: FloatArray) -> FloatArray:
     meridian = SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / root**1.5
     transverse = SEMI_MAJOR_AXIS / math.sqrt(root)
     latitude = LATITUDE + ned[:, 0] / meridian
-    longitude = math.pi - 1e-4 + ned[:, 1] / (transverse * math.cos(LATITUDE))
+    longitude = math.pi + (ned[:, 1] - DATE_LINE) / (transverse * math.cos(LATITUDE))
     return np.column_stack((latitude, np.mod(longitude + math.pi, 2.0 * math.pi) - math.pi, -ned[:, 2]))
 
 
 def imu_ned(time: FloatArray) -> FloatArray:
-    """Return where the IMU is: eastwards at 10 m/s, at the height of the ellipsoid, over the date line after 47 s."""
+    """Return where the IMU is: eastwards at 10 m/s, at the height of the ellipsoid, over the date line after 150 s."""
     zero = np.zeros(time.size)
     return np.column_stack((zero, SPEED * time, zero))
 
@@ -136,6 +138,28 @@ def test_without_the_lever_arm_the_antenna_is_elsewhere() -> None:
     np.testing.assert_allclose(rotated(np.array([[ROLL, PITCH, HEADING]]), LEVER_ARM)[0], arm_ned(), atol=1e-15)
 
 
+def test_between_two_samples_the_date_line_is_crossed_the_short_way() -> None:
+    log = make_log()
+    later = log.gnss_time[:-1] + 0.05  # half an IMU interval; that at 150.05 s is where the date line lies between
+    log = replace(
+        log,
+        gnss_time=later,
+        velocity_ned=np.broadcast_to([0.0, SPEED, 0.0], (later.size, 3)),
+        position_llh=to_llh(imu_ned(later) + arm_ned()),
+        position_std=np.full(later.size, 0.03),
+    )
+
+    def exact(log: lh.Log, method: str, params: MethodParams) -> lh.Result:
+        result = drifting(make_log(), method, params)
+        turned = np.where(np.arange(log.time.size) % 2 == 0, 2.0 * math.pi, 0.0)  # a heading in another turn
+        return replace(result, position_llh=to_llh(imu_ned(log.time)), heading=result.heading + turned)
+
+    run = outage_test(log, 15.0, methods=["phasor"], lever_arm=LEVER_ARM, run=exact).runs[0]
+    assert run.agreement is not None
+    assert run.agreement.epochs == 480  # 120.05 to 599.05, with that of the date line
+    assert run.agreement.horizontal_m < 1e-5  # as above
+
+
 def test_the_figures_are_over_the_windows_and_the_largest_may_lie_inside() -> None:
     def smoothing(log: lh.Log, method: str, params: MethodParams) -> lh.Result:
         """Be off by a metre per window so far, and by ten metres 5 s after the start of each."""
@@ -183,6 +207,9 @@ def test_windows_shun_where_gnss_was_absent_anyway() -> None:
     windows = outage_windows(without_gnss(log, [Window(start_s=130.0, end_s=140.0)]), 15.0)
     # Fifteen seconds of GNSS come before the first; it is back at 140, with three intervals of grace.
     assert 152.0 <= windows[0].start_s <= 155.0
+    # GNSS ends at 500 s: the next after 420 would be that of 480, without a length of GNSS behind it.
+    ended = outage_windows(without_gnss(log, [Window(start_s=500.0, end_s=601.0)]), 15.0)
+    assert ended[-1].start_s == 420.0
     # Positions every two seconds and a velocity in between, for ten minutes: the last fix is within 2 s of the end.
     assert log.position_llh is not None
     sparse = np.where(np.arange(log.gnss_time.size)[:, None] % 2 == 0, log.position_llh, np.nan)

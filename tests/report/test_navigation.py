@@ -111,6 +111,17 @@ def test_the_section_shows_both_sigmas(make_navigated: Make) -> None:
     assert 'id="plot-slope"' in _section(page)
 
 
+def test_with_gnss_is_without_the_outages(make_navigated: Make) -> None:
+    time = make_navigated().time
+    coasting = time > 100.0  # most of the drive
+    status = np.where(coasting, np.uint32(Status.COASTING), np.uint32(Status.COURSE)).astype(np.uint32)
+    std = np.broadcast_to(np.where(coasting, 5.0, 0.02)[:, None], (time.size, 3)).copy()
+    std[10] = 9.0  # while GNSS is there: not the largest of an outage
+    page = render_report(make_navigated(status=status, position_std=std), title="t")
+    assert _row(page, "position north, m") == "0.020 5.000 5.000"
+    assert "known to 0.020 m horizontally, one sigma (median). In one outage of 13 min 20 s" in _text(page)
+
+
 def test_the_path_is_that_of_the_point_that_was_asked_for(make_navigated: Make) -> None:
     result = make_navigated()
     assert result.reference is not None
