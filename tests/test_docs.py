@@ -39,3 +39,13 @@ def test_the_figures_named_are_those_of_the_code() -> None:
         low, high = chi_square_band(runs)
         assert words.replace("\n", " ") == f"{low:.2f} to {high:.2f}"
         assert words in PAGE
+
+
+def test_the_outages_described_are_those_of_the_code() -> None:
+    from levelhead.analysis import outages
+
+    words = PAGE.replace("\n", " ")
+    assert f"(seconds, {outages.SHORTEST_S:g} or more" in words
+    assert f"the first after {outages.FIRST_S:g} s" in words
+    assert f"at most {outages.MAX_WINDOWS}," in words
+    assert outages.AIDED_LENGTHS == 3.0  # "at least three lengths of GNSS"

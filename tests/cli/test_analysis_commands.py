@@ -9,8 +9,10 @@ import subprocess
 import sys
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import levelhead as lh
@@ -104,6 +106,51 @@ def test_validate_gives_the_added_biases_back(drive: Path, tmp_path: Path) -> No
     assert max(len(line) for line in done.stdout.splitlines()) <= 80
 
 
+def _with_position_sigma(method: Method) -> Method:
+    """Return a method whose positions, interpolated or estimated, are said to be good to half a metre."""
+
+    def run(data: lh.Log, *arguments: object) -> Result:
+        result = method.run(data, *arguments)
+        return replace(result, position_std=np.full((data.time.size, 3), 0.5))
+
+    return replace(method, run=run)
+
+
+def test_validate_takes_gnss_away_where_asked(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for name in ("phasor", "smoother"):
+        monkeypatch.setitem(METHODS, name, _with_position_sigma(METHODS[name]))
+    for options, key in ((["--outages", "15"], "shown"), ([], "absent")):
+        with pytest.raises(SystemExit) as ended:
+            main(["validate", str(drive), "-o", str(tmp_path / key), "--method", "two-stage", *options])
+        assert ended.value.code == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert max(len(line) for line in said.out.splitlines()) <= 80
+    assert said.out.count("outages of 15 s") == 1
+    outages = json.loads((tmp_path / "shown" / "validation.json").read_text())["outages"]
+    assert [run["run"] for run in outages["runs"]][:2] == ["phasor", "smoother"]
+    # Five minutes: from 75 s on every minute, with 15 s behind the last.
+    assert [window["start_s"] for window in outages["runs"][0]["windows"]] == [75.0, 135.0, 195.0, 255.0]
+    assert 'id="outages"' in (tmp_path / "shown" / "validation.html").read_text()
+    assert json.loads((tmp_path / "absent" / "validation.json").read_text())["outages"] is None
+    assert 'id="outages"' not in (tmp_path / "absent" / "validation.html").read_text()
+
+
+def test_a_log_without_positions_is_validated_all_the_same(drive: Path, tmp_path: Path) -> None:
+    log = lh.read(drive).slice(0.0, 60.0)
+    bare = tmp_path / "bare.parquet"
+    lh.write(replace(log, position_llh=None, position_std=None), bare)
+    done = levelhead("validate", bare, "-o", tmp_path / "out", "--method", "observer", "--outages", "15")
+    assert done.returncode == 0, done.stderr
+    assert "Outages: The log has no GNSS positions" in done.stdout
+    content = json.loads((tmp_path / "out" / "validation.json").read_text())
+    assert content["cases"]
+    assert "no GNSS positions" in content["outages"]["reason"]
+
+
 def test_tuned_constants_are_taken_by_estimate(drive: Path, tmp_path: Path) -> None:
     settings = tmp_path / "my.toml"
     done = levelhead("tune", drive, "-o", settings)
@@ -170,6 +217,8 @@ BAD = [
     (["validate", "empty.csv", "-o", "out"], 3, "empty.csv"),
     (["validate", "good.csv", "-o", "out", "--method", "magic"], 2, "'magic'"),
     (["validate", "good.csv", "-o", "out", "--lever-arm", "1,2,900"], 2, "within 50 m"),
+    (["validate", "good.csv", "-o", "out", "--outages", "3"], 2, "give 5 s or more"),
+    (["validate", "good.csv", "-o", "out", "--outages", "nan"], 2, "give 5 s or more"),
     (["simulate", "field"], 2, "-o FILE"),
     (["simulate", "field", "--compare"], 2, "--runs"),
     (["simulate", "field", "-o", "out.csv", "--runs", "3"], 2, "--compare"),

@@ -22,6 +22,7 @@ RESULT_COLUMNS = {
     *(f"{name}_{axis}" for name in ("gyro_bias", "accel_bias", "gyro_bias_std", "accel_bias_std") for axis in "xyz"),
     *("roll", "pitch", "heading", "roll_std", "pitch_std", "heading_std"),
     *("velocity_n", "velocity_e", "velocity_d", "status"),
+    *("velocity_std_n", "velocity_std_e", "velocity_std_d", "heading_source"),
 }
 
 
@@ -104,6 +105,7 @@ def test_estimate_writes_what_the_contract_says(drive: Path, tmp_path: Path) -> 
             "latency_s",
             "events",
             "runtime_s",
+            "navigation",
         ),
         *("gyro_bias_deg_s", "gyro_bias_std_deg_s", "accel_bias_m_s2", "accel_bias_std_m_s2"),
     }

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from levelhead.conventions import FloatArray
-from levelhead.estimators.base import Result, Status
+from levelhead.estimators.base import ReferencePoint, Result, Status
 from levelhead.events import Event
 
 if TYPE_CHECKING:
@@ -95,6 +95,69 @@ def make_result() -> Make:
         unknown = set(changes) - {field.name for field in dataclasses.fields(Result)}
         assert not unknown
         values = {field.name: getattr(result, field.name) for field in dataclasses.fields(Result)}
+        return Result(**{**values, **changes})
+
+    return make
+
+
+OUTAGES = (0.5, 0.55), (0.8, 0.81)
+"""Stretches without GNSS of a navigated drive, as shares of its duration."""
+METRES_PER_RADIAN = 6371008.8
+
+
+def _drift(share: FloatArray, duration: float) -> FloatArray:
+    """Horizontal sigma, m: 2 cm with GNSS, and 1 cm/s^2 times half the square of the time without it."""
+    sigma = np.full(share.shape, 0.02)
+    for first, last in OUTAGES:
+        inside = (share >= first) & (share < last)
+        sigma[inside] += 0.005 * ((share[inside] - first) * duration) ** 2
+    return sigma
+
+
+@pytest.fixture(scope="session")
+def make_navigated(make_result: Make) -> Make:
+    """Make a drive like `make_result`, with estimated positions from 48 deg north, two outages, and a point behind."""
+
+    def make(*, point: bool = True, duration: float = 900.0, rate: float = 20.0, **changes: object) -> Result:
+        result = make_result(duration=duration, rate=rate)
+        time, n = result.time, result.time.size
+        moved = np.cumsum(result.velocity_ned, axis=0) / rate
+        llh = np.radians([48.0, 11.0, 0.0]) + moved / [
+            METRES_PER_RADIAN,
+            METRES_PER_RADIAN * np.cos(np.radians(48.0)),
+            -1.0,
+        ]
+        llh[:, 2] += 512.0
+        share = time / duration
+        sigma = _drift(share, duration)
+        status = np.full(n, int(Status.COURSE), dtype=np.uint32)
+        status[share < 0.01] = np.uint32(Status.INITIALIZING)
+        for first, last in OUTAGES:
+            status[(share >= first) & (share < last)] = np.uint32(Status.COASTING)
+        status[(share >= 0.6) & (share < 0.65)] = np.uint32(Status.STATIONARY)
+        status[(share >= 0.7) & (share < 0.72)] |= np.uint32(Status.REVERSE)
+        position_std = np.column_stack((sigma, 0.9 * sigma, 1.5 * sigma))
+        navigated = dataclasses.replace(
+            result,
+            method="phasor",
+            position_llh=llh,
+            position_std=position_std,
+            velocity_std=np.broadcast_to([0.01, 0.01, 0.02], (n, 3)).copy(),
+            status=status,
+            reference=ReferencePoint(
+                point=(-1.2, 0.0, 0.4),
+                position_llh=llh - np.array([0.0, 0.0, 0.4]),
+                position_std=position_std + 0.005,
+                velocity_ned=result.velocity_ned,
+                velocity_std=np.broadcast_to([0.01, 0.01, 0.02], (n, 3)).copy(),
+                cross_track=2.5 * np.sin(result.roll),
+                height=-2.5 * (1.0 - np.cos(result.roll)),
+            )
+            if point
+            else None,
+        )
+        values = {field.name: getattr(navigated, field.name) for field in dataclasses.fields(Result)}
+        assert not set(changes) - set(values)
         return Result(**{**values, **changes})
 
     return make

@@ -111,6 +111,28 @@ def test_every_plot_is_drawn_without_a_complaint(make_result: Make, open_page: O
     assert complaints == []
 
 
+def test_the_plots_of_the_navigation_belong_to_the_others(
+    make_navigated: Make, open_page: Open, complaints: list[str]
+) -> None:
+    page = open_page(render_report(make_navigated(), title="t"))
+    pixels = page.evaluate(CURVE_PIXELS)
+    assert len(pixels) == 8
+    # The first curve of the sigma, the IMU's, lies under that of the reference point; see above for the number.
+    assert min(pixels[1:]) > 400
+    page.locator("#plot-gyro-bias").scroll_into_view_if_needed()
+    _drag(page, 0.2, 0.5)
+    page.get_by_role("button", name="Show all").wait_for(state="visible")
+    assert _edges(page)[0] == pytest.approx([180.0] * 8, abs=4.0)
+    # The corridor stays within the axes, and the path's own lines have their colours.
+    strokes = page.evaluate(
+        "() => ['.track', '.coast', '.corridor'].map(n => getComputedStyle(document.querySelector(n)).stroke)"
+    )
+    assert strokes == ["rgb(0, 114, 178)", "rgb(199, 119, 0)", "rgb(199, 119, 0)"]
+    assert page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
+    assert page.evaluate("() => window.violations") == []
+    assert complaints == []
+
+
 def test_hostile_names_do_nothing(
     make_result: Make,
     make_reference: Callable[[Result], dict[str, FloatArray]],

@@ -11,7 +11,7 @@ import pytest
 from levelhead.conventions import FloatArray
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, Status
-from levelhead.report.path import draw_path, path_north_east
+from levelhead.report.path import draw_path, drive_track
 from levelhead.report.plots import Plot, status_bands, time_plots, yaw_rate
 
 Make = Callable[..., Result]
@@ -128,28 +128,29 @@ def test_the_path_comes_from_positions_where_there_are_any(make_result: Make) ->
     position += [np.pi / 3.0, np.pi - 5e-5, 0.0]
     position[:, 1] = np.angle(np.exp(1j * position[:, 1]))
     position[:40] = np.nan
-    time, north, east = path_north_east(make_result(position_llh=position))
-    assert time[0] == result.time[40]
+    track = drive_track(make_result(position_llh=position))
+    assert track.time[0] == result.time[40]
     share = 1.0 - 40.0 / (n - 1)
-    assert north[-1] == pytest.approx(637.1 * share, rel=1e-3)  # four digits of the radius
-    assert east[-1] == pytest.approx(0.5 * 637.1 * share, rel=1e-3)
+    assert track.north[-1] == pytest.approx(637.1 * share, rel=1e-3)  # four digits of the radius
+    assert track.east[-1] == pytest.approx(0.5 * 637.1 * share, rel=1e-3)
 
 
 def test_the_path_is_integrated_from_the_velocity_otherwise(make_result: Make) -> None:
     result = make_result()
     velocity = np.broadcast_to([3.0, -1.0, 0.0], (result.time.size, 3)).copy()
     velocity[:20] = np.nan
-    _, north, east = path_north_east(make_result(velocity_ned=velocity))
+    track = drive_track(make_result(velocity_ned=velocity))
     span = result.time[-1] - result.time[20]
-    assert north[-1] == pytest.approx(3.0 * span)  # trapezoids of a constant are exact
-    assert east[-1] == pytest.approx(-span)
+    assert track.north[-1] == pytest.approx(3.0 * span)  # trapezoids of a constant are exact
+    assert track.east[-1] == pytest.approx(-span)
 
 
 def test_the_path_is_drawn_to_one_scale_with_north_up(make_result: Make) -> None:
     result = make_result()
     drawing = draw_path(result)
     assert drawing is not None
-    _, north, east = path_north_east(result)
+    track = drive_track(result)
+    north, east = track.north, track.east
     # A tenth of a pixel of rounding on either side of some hundred pixels.
     assert np.ptp(drawing.x) / np.ptp(east) == pytest.approx(np.ptp(drawing.y) / np.ptp(north), rel=2e-3)
     top = int(np.argmin(drawing.y))

@@ -46,7 +46,8 @@ class Case:
                 raise UsageError(f"{name} of a case is {value}; pass three finite numbers.")
 
 
-def _constants(log: Log, method: str, params: MethodParams | None, lever_arm: Triple | None) -> MethodParams:
+def constants_of(log: Log, method: str, params: MethodParams | None, lever_arm: Triple | None) -> MethodParams:
+    """Return the constants that all runs of an analysis share: those that `estimate` would take for this log."""
     data = log if log.velocity_ned is not None else velocity_from_position(log)
     return constants_for(data, method, params=params, lever_arm=lever_arm)[0]
 
@@ -218,7 +219,7 @@ def validate(
     if not chosen:
         raise UsageError("There is no case to validate with; pass at least one.")
     # The same constants for all runs: the noise that a filter finds in the log is not what is tried here.
-    constants = _constants(log, method, params, lever_arm)
+    constants = constants_of(log, method, params, lever_arm)
     base = estimate(log, method, params=constants)
     recoveries = []
     for k, case in enumerate(chosen):
@@ -363,7 +364,7 @@ def sensitivity(
     """
     if not 0.0 < change < 1.0:
         raise UsageError(f"The change is {change}; give a fraction between 0 and 1, such as 0.2.")
-    constants = _constants(log, method, params, lever_arm)
+    constants = constants_of(log, method, params, lever_arm)
     base = estimate(log, method, params=constants)
     names = [field.name for field in fields(constants) if _is_choice(field.name, getattr(constants, field.name))]
     tries = [(name, sign * change) for name in names for sign in (1.0, -1.0)]

@@ -9,6 +9,7 @@ import numpy as np
 
 from levelhead.analysis.comparison import Comparison, Entry
 from levelhead.analysis.injection import Case, Sensitivity, Validation, largest
+from levelhead.analysis.outages import OutageTest
 from levelhead.analysis.trials import QUANTITIES, Figures, MonteCarlo
 from levelhead.cli.console import terminal
 from levelhead.conventions import AXES, FloatArray
@@ -173,3 +174,29 @@ def _added(case: Case) -> str:
         return "".join(parts) or "nothing"
     gyro = " ".join(f"{v * DEG:+.2f}" if v else "0" for v in case.gyro_bias)
     return f"{gyro}, {' '.join(f'{v:+.1f}' if v else '0' for v in case.accel_bias)}"
+
+
+def show_outages(test: OutageTest) -> None:
+    """Print one row per method: how far the position was from GNSS at the end of the outages."""
+    console = terminal()
+    if test.reason:
+        console.print(f"Outages: {test.reason}", markup=False)
+        return
+    table = plain_table(
+        f"{test.windows} outages of {test.length_s:g} s", "RMS, m", "median", "largest", "in sigma", "%"
+    )
+    for run in test.runs:
+        if run.refused:
+            continue
+        cells = [number(value, 2) for value in run.figures("horizontal_m")]
+        cells += [number(run.figures("in_sigma")[0], 2), number(run.figures("percent")[0], 2)]
+        table.add_row(run.name, *cells)
+    if table.row_count:
+        console.print(table)
+        console.print(
+            "Horizontal distance from GNSS at the end of an outage: in metres, RMS in units of the claimed sigma, and "
+            "RMS in per cent of the distance driven.",
+            markup=False,
+        )
+    for sentence in dict.fromkeys(run.refused for run in test.runs if run.refused):
+        console.print(f"Outages: {sentence}", markup=False)

@@ -216,6 +216,8 @@ class Result:
 
     def summary(self) -> dict[str, object]:
         """Return the content of `summary.json`: the biases at the end of the log and how far to trust them."""
+        from levelhead.estimators.navigation import navigation_summary  # it is made of this module's classes
+
         deg = 180.0 / np.pi
         known = {"gyro": list(self.known_gyro), "accel": list(self.known_accel)}
 
@@ -235,6 +237,7 @@ class Result:
             "settled_at_s": dict(self.settled_at_s),
             "mounting": {"yaw_deg": None, "roll_deg": None, "pitch_deg": None},
             "latency_s": None,
+            "navigation": navigation_summary(self),
             "events": [event.as_dict() for event in self.events],
             "runtime_s": dict(self.runtime_s),
         }

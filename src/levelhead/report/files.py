@@ -5,18 +5,22 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from levelhead.atomic import atomic_path
-from levelhead.conventions import AXES, FloatArray, StatusArray
+from levelhead.conventions import AXES, FloatArray
 from levelhead.errors import OutputError, UsageError
 from levelhead.estimators.base import Result
 from levelhead.logs.writers import write_table
 from levelhead.report.html import render_report
 from levelhead.sim import Truth
 
-Column = FloatArray | StatusArray
+Column = NDArray[Any]
+"""Of a result: float64, but for `status` (uint32) and `heading_source` (uint8)."""
+PLACE: Final = (("latitude", "rad"), ("longitude", "rad"), ("height", "m"))
 
 
 def make_folder(folder: Path) -> Path:
@@ -48,9 +52,34 @@ def result_columns(result: Result) -> tuple[dict[str, Column], dict[str, str]]:
         put(f"velocity_{axis}", result.velocity_ned[:, i], "m/s")
     put("status", result.status, "flags")
     if result.position_llh is not None:
-        for i, (name, unit) in enumerate((("latitude", "rad"), ("longitude", "rad"), ("height", "m"))):
+        for i, (name, unit) in enumerate(PLACE):
             put(name, result.position_llh[:, i], unit)
+    for name, (values, unit) in _navigation_columns(result).items():
+        put(name, values, unit)
     return columns, units
+
+
+def _navigation_columns(result: Result) -> dict[str, tuple[Column, str]]:
+    """Return the columns with their units that came with the navigation: behind the older ones, whose order stays."""
+    columns: dict[str, tuple[Column, str]] = {}
+
+    def put_ned(name: str, rows: FloatArray | None, unit: str) -> None:
+        if rows is not None:
+            columns.update({f"{name}_{axis}": (rows[:, i], unit) for i, axis in enumerate("ned")})
+
+    put_ned("velocity_std", result.velocity_std, "m/s")
+    put_ned("position_std", result.position_std, "m")
+    columns["heading_source"] = result.heading_source, "enum"
+    point = result.reference
+    if point is None:
+        return columns
+    if point.position_llh is not None:
+        columns.update({f"reference_{name}": (point.position_llh[:, i], unit) for i, (name, unit) in enumerate(PLACE)})
+    put_ned("reference_position_std", point.position_std, "m")
+    put_ned("reference_velocity", point.velocity_ned, "m/s")
+    columns["cross_track_correction"] = point.cross_track, "m"
+    columns["height_correction"] = point.height, "m"
+    return columns
 
 
 def write_result(result: Result, path: Path) -> None:

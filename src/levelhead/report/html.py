@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from levelhead.estimators.base import Result
 from levelhead.report import tables
+from levelhead.report.navigation import navigation_plots, navigation_section
 from levelhead.report.page import asset, figure, key, plot_data, policy, script_json, scripts, styles
 from levelhead.report.path import PathDrawing, draw_path
 from levelhead.report.plots import status_bands, status_shares, time_plots
@@ -40,10 +41,11 @@ def render_report(result: Result, *, title: str, reference: Mapping[str, ArrayLi
         When the reference has no ``time`` or shapes that do not fit it.
     """
     plots = time_plots(result, reference)
+    navigation = navigation_plots(result)
     path = draw_path(result)
     shares = status_shares(result.status)
     data = plot_data(
-        plots,
+        (*plots, *navigation),
         (float(result.time[0]), float(result.time[-1])),
         status_bands(result.time, result.status),
         path.as_dict() if path is not None else None,
@@ -61,6 +63,7 @@ def render_report(result: Result, *, title: str, reference: Mapping[str, ArrayLi
         verdict=tables.verdict(result),
         gyro_table=tables.bias_table(result, "gyro"),
         accel_table=tables.bias_table(result, "accel"),
+        navigation=navigation_section(result, navigation),
         events=tables.event_list(result.events),
         parameters=tables.parameter_table(result),
         key=key(shares, dashed=reference is not None),
@@ -82,8 +85,16 @@ def _path_figure(path: PathDrawing | None) -> str:
             f'<figure class="plot path empty"><figcaption>{heading}</figcaption>'
             '<p class="quiet">The log gives neither positions nor velocities.</p></figure>'
         )
-    marks = (
-        '<span class="path-key"><span class="swatch mark-start"></span>start '
-        '<span class="swatch mark-end"></span>end</span>'
+    marks = [_mark("mark-start", "start"), _mark("mark-end", "end")]
+    if path.coasting:
+        marks.append(_mark("coast-line", "without GNSS"))
+    if path.corridor:
+        marks.append(_mark("corridor-patch", "one sigma"))
+    return (
+        f'<figure class="plot path"><figcaption>{heading}<span class="path-key">{" ".join(marks)}</span></figcaption>'
+        f'{path.svg}<p class="note">{escape(path.caption)}</p></figure>'
     )
-    return f'<figure class="plot path"><figcaption>{heading}{marks}</figcaption>{path.svg}</figure>'
+
+
+def _mark(style: str, text: str) -> str:
+    return f'<span class="swatch {style}"></span>{text}'

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from levelhead.analysis.injection import Recovery, Sensitivity, Validation, largest
+from levelhead.analysis.outages import OutageTest
 from levelhead.conventions import AXES, FloatArray
 from levelhead.report import tables
+from levelhead.report.outages import outage_section
 from levelhead.report.page import render_page
 from levelhead.version import __version__
 
@@ -24,7 +26,9 @@ ACCEL_DIGITS: Final = 4
 TILT_DIGITS: Final = 3
 
 
-def render_validation(validation: Validation, changes: Sensitivity, *, title: str) -> str:
+def render_validation(
+    validation: Validation, changes: Sensitivity, *, title: str, outages: OutageTest | None = None
+) -> str:
     """Render a validation as a self-contained HTML page.
 
     Parameters
@@ -35,13 +39,15 @@ def render_validation(validation: Validation, changes: Sensitivity, *, title: st
         What a change of each constant does.
     title : str
         Heading of the page; any text, it is escaped.
+    outages : OutageTest, optional
+        What the position did without GNSS; not shown where absent.
 
     Returns
     -------
     str
         The page, without scripts. The same inputs give the same text.
     """
-    body = (
+    body = [
         tables.log_banner(validation.log_info),
         '<section aria-labelledby="recovery"><h2 id="recovery">Added biases found again</h2>'
         f'<p class="lead">{_verdict(validation)}</p><div class="card scroll">{_cases(validation)}</div>'
@@ -52,7 +58,9 @@ def render_validation(validation: Validation, changes: Sensitivity, *, title: st
         f'<p class="lead">{_sensitivity_verdict(changes)}</p><div class="card scroll">{_changes(changes)}</div>'
         '<p class="note">How far the final biases move, and roll and pitch over the log, when one constant changes. '
         "The paper reports less than 0.001 deg/s and 0.01 m/s² for its own drive.</p></section>",
-    )
+    ]
+    if outages is not None:
+        body.append(outage_section(outages))
     return render_page(
         title=title,
         source=str(validation.log_info.get("source") or ""),

@@ -190,10 +190,11 @@
   resetButton.addEventListener("click", () => {
     plots.forEach((plot) => plot.setScale("x", { min: data.start, max: data.end }));
   });
-  document.querySelector(".plots").addEventListener("mouseleave", hidePathMark);
+  document.querySelectorAll(".plots").forEach((grid) => grid.addEventListener("mouseleave", hidePathMark));
   window.addEventListener("beforeprint", () => setPrinting(true));
   window.addEventListener("afterprint", () => setPrinting(false));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", buildAll);
+  // All grids of plots are equally wide: to watch one of them is enough.
   new ResizeObserver(() => {
     if (root.classList.contains("printing")) return;
     for (const plot of plots) {
