@@ -14,7 +14,7 @@ PACKAGE = ROOT / "src" / "levelhead"
 
 # A package may import those before it and itself; the first row is the ground that everybody stands on.
 ORDER = ("ground", "kernel", "estimators", "logs", "sim", "analysis", "report", "cli")
-GROUND = {"conventions", "errors", "events", "atomic", "version"}
+GROUND = {"conventions", "earth", "errors", "events", "atomic", "version"}
 # The front doors, which see everything.
 DOORS = {"__init__", "__main__"}
 

@@ -13,10 +13,10 @@ import levelhead as lh
 from levelhead.analysis.drift import Window, rotated
 from levelhead.analysis.outages import MAX_WINDOWS, outage_test, outage_windows, without_gnss
 from levelhead.conventions import FloatArray
+from levelhead.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators import METHODS
 from levelhead.estimators.params import FilterParams, MethodParams, Triple
-from levelhead.logs.geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 
 SPEED = 10.0
 LATITUDE = math.radians(48.0)

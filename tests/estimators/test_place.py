@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import levelhead as lh
-from levelhead.estimators.place import at_place, normal_gravity
+from levelhead.earth import normal_gravity
+from levelhead.estimators.place import at_place
 
 
 def test_normal_gravity_is_that_of_wgs_84() -> None:

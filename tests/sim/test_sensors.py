@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from levelhead.conventions import GRAVITY, FloatArray
+from levelhead.earth import radii
 from levelhead.errors import UsageError
 from levelhead.logs.log import Log
 from levelhead.sim import SensorModel, simulate
-from levelhead.sim.earth import radii
 from levelhead.sim.scenarios import CRAB_ANGLE
 from levelhead.sim.sensors import Stream, generator
 

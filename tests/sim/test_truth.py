@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from levelhead.conventions import FloatArray
+from levelhead.earth import EARTH_RATE, radii
 from levelhead.errors import UsageError
 from levelhead.report.files import read_truth, write_truth
 from levelhead.sim import SensorModel, Truth, simulate
-from levelhead.sim.earth import EARTH_RATE, radii
 
 HITCH = (-3.0, 0.2, 0.8)
 PERFECT = SensorModel.perfect()

@@ -11,8 +11,19 @@ from levelhead.analysis.tuning import velocity_noise
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators import METHODS, Method
 from levelhead.estimators.base import Result
-from levelhead.estimators.params import NOISE_PRESETS, FilterParams, Initial, MethodParams, NoiseParams, Triple
+from levelhead.estimators.params import (
+    NOISE_PRESETS,
+    FilterParams,
+    Initial,
+    MethodParams,
+    NoiseParams,
+    PaperParams,
+    Triple,
+    lever,
+)
+from levelhead.estimators.phasor import PhasorParams
 from levelhead.estimators.place import at_place
+from levelhead.estimators.reference import with_reference
 from levelhead.estimators.streaming import Progress
 from levelhead.events import Event, merge_events
 from levelhead.logs.derive import velocity_from_position
@@ -30,6 +41,9 @@ def estimate(
     params: MethodParams | None = None,
     initial: Initial | None = None,
     lever_arm: tuple[float, float, float] | None = None,
+    rear_axle: tuple[float, float, float] | None = None,
+    reference_point: tuple[float, float, float] | None = None,
+    grade: str | None = None,
     progress: Progress | None = None,
     noise: NoiseParams | None = None,
 ) -> Result:
@@ -50,6 +64,14 @@ def estimate(
         Biases to start from.
     lever_arm : (3,), optional
         From the IMU to the GNSS antenna, body axes, m; takes the place of the one in `params`.
+    rear_axle : (3,), optional
+        From the IMU to the axle that does not steer, body axes, m, for the phasor filter and smoother: it does not
+        slide, with or without GNSS. Takes the place of the one in `params`.
+    reference_point : (3,), optional
+        From the IMU to the point of the vehicle that `Result.reference` shall tell of, body axes, m.
+    grade : {"consumer", "industrial", "tactical"}, optional
+        Of the sensors, instead of `params`: noises for the filters. "tactical" gives the papers' estimators longer time
+        constants and the Earth's rotation, which MEMS sensors may neglect (Tereshkov 2013, section 4).
     progress : callable, optional
         Called with the fraction done.
     noise : NoiseParams, optional
@@ -71,10 +93,11 @@ def estimate(
     if method is None:
         method = next((m for m in (DEFAULT_METHOD, *METHODS) if METHODS[m].params is type(params)), DEFAULT_METHOD)
     chosen = _chosen(method)
-    constants_wanted = chosen.params() if params is None else params
-    navigates = chosen.navigates and getattr(constants_wanted, "use_positions", False)
+    if reference_point is not None:
+        reference_point = lever("reference_point", reference_point)
+    navigates = chosen.navigates and getattr(params, "use_positions", True)
     data = log if log.velocity_ned is not None or navigates else velocity_from_position(log)
-    constants, found = constants_for(data, method, params=params, lever_arm=lever_arm)
+    constants, found = constants_for(data, method, params=params, lever_arm=lever_arm, rear_axle=rear_axle, grade=grade)
     if chosen.takes_noise:
         if noise is None:
             noise, found = noise_of(data, NoiseParams())
@@ -85,6 +108,8 @@ def estimate(
         )
     else:
         result = chosen.run(data, constants, initial, progress)
+    if reference_point is not None:
+        result = with_reference(result, data, reference_point, constants.lever_arm)
     return replace(result, log_info=log.describe(), events=merge_events((*data.events, *result.events, *found)))
 
 
@@ -95,7 +120,13 @@ def _chosen(method: str) -> Method:
 
 
 def constants_for(
-    log: Log, method: str, *, params: MethodParams | None = None, lever_arm: Triple | None = None
+    log: Log,
+    method: str,
+    *,
+    params: MethodParams | None = None,
+    lever_arm: Triple | None = None,
+    rear_axle: Triple | None = None,
+    grade: str | None = None,
 ) -> tuple[MethodParams, tuple[Event, ...]]:
     """Return the constants that `estimate` runs a method with, and the events of how they were found.
 
@@ -104,20 +135,29 @@ def constants_for(
     log : Log
         A log with velocities: its positions tell latitude and gravity, and where `params` is absent its readings tell
         whether a filter must reckon with more noise than by default.
-    method, params, lever_arm
+    method, params, lever_arm, rear_axle, grade
         As for `estimate`.
     """
     kind = _chosen(method).params
-    constants = kind() if params is None else params
+    if grade is not None and params is not None:
+        raise UsageError("Pass grade or params, not both: a grade stands for a set of constants.")
+    constants = params if params is not None else kind() if grade is None else kind.preset(grade)
     if type(constants) is not kind:
         raise UsageError(
             f"The method {method!r} takes {kind.__name__}, not {type(constants).__name__}; pass that instead."
         )
     if lever_arm is not None:
         constants = replace(constants, lever_arm=lever_arm)
+    if rear_axle is not None:
+        if not isinstance(constants, PhasorParams):
+            raise UsageError(f"The method {method!r} knows no rear axle; use 'smoother' or 'phasor'.")
+        constants = replace(constants, rear_axle=rear_axle)
+    turning = bool(log.meta.get("earth_rotation", True))  # a simulated Earth may stand still
     if not isinstance(constants, FilterParams):
+        if grade == "tactical" and turning and isinstance(constants, PaperParams):
+            constants = at_place(constants, log)
         return constants, ()
-    if log.meta.get("earth_rotation", True):  # a simulated Earth may stand still
+    if turning:
         constants = at_place(constants, log, follows=METHODS[method].navigates and constants.use_positions)
     else:
         constants = replace(constants, earth_rotation=False)

@@ -41,7 +41,7 @@ def compare(
     """Run every method on one log; write comparison.json and comparison.html into DIR."""
     exact = None if truth is None else read_truth(truth)
     data = read_log(log, gnss=gnss, mapping=mapping, log_format=log_format)
-    arm = None if lever_arm is None else vector(lever_arm)
+    arm = vector(lever_arm, "--lever-arm")
     with progress(f"Comparing on {log.name}") as report:
         comparison = compare_methods(data, names_of(methods), truth=exact, lever_arm=arm, progress=report)
     make_folder(output)

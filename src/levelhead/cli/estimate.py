@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Literal
@@ -12,7 +12,17 @@ import typer
 from levelhead.analysis.estimation import DEFAULT_METHOD
 from levelhead.analysis.estimation import estimate as estimate_log
 from levelhead.cli.console import progress, say_error, show_result, terminal
-from levelhead.cli.options import FormatOption, GnssOption, LeverArmOption, MappingOption, read_log, vector
+from levelhead.cli.options import (
+    FormatOption,
+    GnssOption,
+    GradeOption,
+    LeverArmOption,
+    MappingOption,
+    RearAxleOption,
+    ReferencePointOption,
+    read_log,
+    vector,
+)
 from levelhead.cli.settings import load_params
 from levelhead.errors import LevelheadError, UsageError
 from levelhead.estimators import METHODS
@@ -21,6 +31,19 @@ from levelhead.logs.writers import write
 from levelhead.report.files import make_folder, write_report, write_result, write_summary
 
 PARTLY_READ = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What the user asked for, the same for every log."""
+
+    method: str
+    constants: MethodParams | None
+    grade: str | None
+    lever_arm: Triple | None
+    rear_axle: Triple | None
+    reference_point: Triple | None
+    corrected: str | None
 
 
 def estimate(
@@ -33,7 +56,10 @@ def estimate(
     log_format: FormatOption = None,
     method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = DEFAULT_METHOD,
     params: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Constants of the method.")] = None,
+    grade: GradeOption = None,
     lever_arm: LeverArmOption = None,
+    rear_axle: RearAxleOption = None,
+    reference_point: ReferencePointOption = None,
     corrected: Annotated[
         Literal["parquet", "csv"] | None, typer.Option(help="Also write the log with the biases taken off.")
     ] = None,
@@ -43,11 +69,19 @@ def estimate(
         raise UsageError("--gnss goes with one IMU file; run the command once per drive.")
     folders = [output] if len(logs) == 1 else [output / name for name in _names(logs)]
     constants = load_params(method, params)
-    arm = None if lever_arm is None else vector(lever_arm)
+    wanted = Wanted(
+        method=method,
+        constants=constants,
+        grade=grade,
+        lever_arm=vector(lever_arm, "--lever-arm"),
+        rear_axle=vector(rear_axle, "--rear-axle"),
+        reference_point=vector(reference_point, "--reference-point"),
+        corrected=corrected,
+    )
     codes = []
     for path, folder in zip(logs, folders, strict=True):
         try:
-            codes.append(_one(path, folder, gnss, mapping, log_format, method, constants, arm, corrected))
+            codes.append(_one(path, folder, gnss, mapping, log_format, wanted))
         except LevelheadError as error:
             if len(logs) == 1:
                 raise
@@ -62,17 +96,23 @@ def _one(
     gnss: Path | None,
     mapping: Path | None,
     log_format: str | None,
-    method: str,
-    constants: MethodParams | None,
-    lever_arm: Triple | None,
-    corrected: str | None,
+    wanted: Wanted,
 ) -> int:
     """Run one drive and return its exit code."""
     begin = perf_counter()
     log = read_log(path, gnss=gnss, mapping=mapping, log_format=log_format)
     read_done = perf_counter()
     with progress(f"Estimating {path.name}") as report:
-        result = estimate_log(log, method, params=constants, lever_arm=lever_arm, progress=report)
+        result = estimate_log(
+            log,
+            wanted.method,
+            params=wanted.constants,
+            grade=wanted.grade,
+            lever_arm=wanted.lever_arm,
+            rear_axle=wanted.rear_axle,
+            reference_point=wanted.reference_point,
+            progress=report,
+        )
     estimated = perf_counter()
     make_folder(folder)
     write_result(result, folder / "result.parquet")
@@ -80,8 +120,8 @@ def _one(
     write_report(result, folder / "report.html", title=path.name)
     runtime = {**result.runtime_s, "report": perf_counter() - estimated}
     result = replace(result, runtime_s=runtime)
-    if corrected is not None:
-        write(log.corrected(result), folder / f"corrected.{corrected}")
+    if wanted.corrected is not None:
+        write(log.corrected(result), folder / f"corrected.{wanted.corrected}")
     write_summary(result, folder / "summary.json")
     show_result(result)
     terminal().print(f"Results in {folder}: summary.json, result.parquet, report.html.", markup=False)

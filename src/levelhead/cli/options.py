@@ -10,6 +10,7 @@ import typer
 from levelhead.cli.console import progress, say_error
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators import METHODS
+from levelhead.estimators.params import NOISE_PRESETS
 from levelhead.logs.log import Log
 from levelhead.logs.readers import READERS, read
 
@@ -28,6 +29,19 @@ FormatOption = Annotated[
 ]
 LeverArmOption = Annotated[
     str | None, typer.Option(metavar="X,Y,Z", help="From the IMU to the antenna, m: forward,right,down.")
+]
+
+
+RearAxleOption = Annotated[
+    str | None,
+    typer.Option(metavar="X,Y,Z", help="From the IMU to the axle that does not steer, m: it does not slide sideways."),
+]
+ReferencePointOption = Annotated[
+    str | None,
+    typer.Option(metavar="X,Y,Z", help="From the IMU to the point of the vehicle to tell of besides, m."),
+]
+GradeOption = Annotated[
+    str | None, typer.Option(help=f"Grade of the sensors, instead of --params: {', '.join(NOISE_PRESETS)}.")
 ]
 
 
@@ -51,10 +65,12 @@ def names_of(text: str | None) -> list[str] | None:
     return None if text is None else [part.strip() for part in text.split(",")]
 
 
-def vector(text: str) -> tuple[float, float, float]:
-    """Return the three lengths of `--lever-arm`."""
+def vector(text: str | None, option: str) -> tuple[float, float, float] | None:
+    """Return the three lengths of an option such as `--lever-arm`; None where it was not given."""
+    if text is None:
+        return None
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise UsageError(f"--lever-arm is {text!r}; pass three lengths in metres such as 0.2,0,-1.5.") from None
+        raise UsageError(f"{option} is {text!r}; pass three lengths in metres such as 0.2,0,-1.5.") from None
     return x, y, z

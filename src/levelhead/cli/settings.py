@@ -54,7 +54,8 @@ def _build(kind: type[MethodParams], values: dict[str, object], path: Path) -> M
         wanted = getattr(defaults, name)
         # What is open by default (None) is a number when it is given.
         number = isinstance(wanted, float | None) and isinstance(value, int | float) and not isinstance(value, bool)
-        if not number and type(value) is not type(wanted):
+        lengths = wanted is None and isinstance(value, tuple)
+        if not number and not lengths and type(value) is not type(wanted):
             raise UsageError(
                 f"{name} in {path} is {value!r}; pass a {'float' if wanted is None else type(wanted).__name__}."
             )

@@ -97,7 +97,8 @@ def simulate(
 def _sensors(lever_arm: str | None, *, wheel_speed: bool) -> SensorModel:
     """Return the usual sensors with what was asked for."""
     sensors = SensorModel(wheel_speed=wheel_speed)
-    return sensors if lever_arm is None else replace(sensors, lever_arm=vector(lever_arm))
+    arm = vector(lever_arm, "--lever-arm")
+    return sensors if arm is None else replace(sensors, lever_arm=arm)
 
 
 def _origin(latitude_deg: float | None) -> tuple[float, float, float]:

@@ -46,7 +46,7 @@ def validate(
 ) -> None:
     """Add known biases to a log and find them again; write validation.json and validation.html into DIR."""
     constants = load_params(method, params)
-    arm = None if lever_arm is None else vector(lever_arm)
+    arm = vector(lever_arm, "--lever-arm")
     if outages != 0.0:
         check_length(outages)  # before the minutes that the rest may take
     data = read_log(log, gnss=gnss, mapping=mapping, log_format=log_format)

@@ -175,8 +175,8 @@ class Result:
     velocity_std : ndarray, shape (n, 3)
         One sigma along North, East, Down, m/s; NaN where the method gives none.
     position_llh : ndarray, shape (n, 3), or None
-        Position of the IMU (rad, rad, m) where the method estimates it, else the antenna's from GNSS, interpolated to the
-        IMU's stamps; None without positions.
+        Position of the IMU (rad, rad, m) where the method estimates it, else the antenna's from GNSS, interpolated to
+        the IMU's stamps; None without positions.
     position_std : ndarray, shape (n, 3), or None
         One sigma along North, East, Down, m; None where the method does not estimate positions.
     reference : ReferencePoint or None

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
-from levelhead.estimators.params import Initial, NoiseParams, PlatformParams
+from levelhead.estimators.params import Initial, NoiseParams, PaperParams
 from levelhead.estimators.streaming import Progress, events_of, finish, restored, run
 from levelhead.estimators.uncertainty import EpochRecorder, Epochs, LevelSigma, at_samples, level_sigma
 from levelhead.events import Event
@@ -16,7 +17,7 @@ from levelhead.kernel._kernel import ObserverF64, observer_covariance
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObserverParams(PlatformParams):
+class ObserverParams(PaperParams):
     """Constants of the 2015 observer: three time constants with the papers' values as defaults.
 
     Attributes
@@ -30,6 +31,8 @@ class ObserverParams(PlatformParams):
         "paper" is Eq. (12) to the letter. "general" (default) drops Assumption B: the vertical angular rate takes the
         place of the body's w_z, which is the same on level ground and also holds on slopes and upside-down.
     """
+
+    TACTICAL: ClassVar[Mapping[str, float]] = {"tau": 20.0, "tau_heading": 20.0, "tau_gyro": 200.0}
 
     tau_gyro: float = 40.0
     omega_accel: float = math.radians(45.0)
@@ -91,7 +94,7 @@ class Observer(ObserverF64):
 def predict_observer(epochs: Epochs, params: ObserverParams, noise: NoiseParams) -> LevelSigma:
     """Return how sure the observer would be after each of these epochs with these constants."""
     constants = params.as_dict()
-    for name in ("min_course_speed", "lever_arm", "gain"):
+    for name in ("min_course_speed", "lever_arm", "latitude", "gain"):
         del constants[name]
     return level_sigma(observer_covariance, constants, epochs, noise)
 

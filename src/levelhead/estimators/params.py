@@ -37,8 +37,7 @@ class Initial:
     gyro_bias, accel_bias : (3,)
         Biases to start from, rad/s and m/s^2, body frame.
     heading : float, optional
-        Heading at the first sample, rad, where something tells it (two antennas, a compass, where the vehicle was parked).
-        Only the phasor filter and the smoother use it, until the first course.
+        Heading at the first sample, rad, where something tells it (two antennas, a compass, how it was parked). Only the phasor filter and the smoother use it, until the first course.
     heading_std : float
         Its one sigma, rad.
     """
@@ -57,6 +56,12 @@ class Initial:
             raise UsageError(f"heading of Initial is {self.heading!r}; pass radians within a full turn.")
         if not (math.isfinite(self.heading_std) and self.heading_std > 0.0):
             raise UsageError(f"heading_std of Initial is {self.heading_std!r}; it must be a positive number.")
+
+
+def check_latitude(latitude: float | None) -> None:
+    """Raise UsageError where a latitude is none."""
+    if latitude is not None and not abs(latitude) <= 0.5 * math.pi:
+        raise UsageError(f"latitude is {latitude!r}; pass radians between -pi/2 and pi/2.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +97,11 @@ class MethodParams:
                 raise UsageError(f"{field.name} is {value!r}; it {allowed}.")
 
     @classmethod
+    def preset(cls, name: str, **changes: Any) -> Self:
+        """Return the constants for a grade of sensors: "consumer", "industrial", "tactical"; `changes` go on top."""
+        raise UsageError(f"{cls.__name__} has no grade {name!r}; give {', '.join(changes) or 'its constants'} by name.")
+
+    @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Return the parameters with these values; an unknown name raises TypeError."""
         return cls(**values)
@@ -117,6 +127,32 @@ class PlatformParams(MethodParams):
 
     tau: float = 4.0
     tau_heading: float = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperParams(PlatformParams):
+    """What the papers' two estimators have in common.
+
+    Attributes
+    ----------
+    latitude : float, optional
+        Geodetic latitude, rad. Given, the Earth's rotation, Coriolis force and transport rate are compensated, which
+        MEMS sensors may neglect (Tereshkov 2013, section 4).
+    """
+
+    TACTICAL: ClassVar[Mapping[str, float]] = {}
+
+    latitude: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_latitude(self.latitude)
+
+    @classmethod
+    def preset(cls, name: str, **changes: Any) -> Self:
+        """Return the constants for a grade of sensors; only "tactical" asks for others than the papers'."""
+        check_grade(name)
+        return cls(**{**(cls.TACTICAL if name == "tactical" else {}), **changes})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +208,12 @@ NOISE_PRESETS: Final[dict[str, dict[str, float]]] = {
 """Grades of sensors by name: what differs from the defaults, which are the industrial grade on a working vehicle."""
 
 
+def check_grade(name: str) -> None:
+    """Raise UsageError where there is no such grade of sensors."""
+    if name not in NOISE_PRESETS:
+        raise UsageError(f"There is no grade {name!r}; choose one of {', '.join(NOISE_PRESETS)}.")
+
+
 @dataclass(frozen=True, kw_only=True)
 class FilterParams(NoiseParams, MethodParams):
     """What the Kalman-type methods take: physical noises, and where on Earth the drive is.
@@ -200,12 +242,10 @@ class FilterParams(NoiseParams, MethodParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.latitude is not None and not abs(self.latitude) <= 0.5 * math.pi:
-            raise UsageError(f"latitude is {self.latitude!r}; pass radians between -pi/2 and pi/2.")
+        check_latitude(self.latitude)
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> Self:
         """Return the constants of a grade of sensors: "consumer", "industrial" or "tactical"; `changes` go on top."""
-        if name not in NOISE_PRESETS:
-            raise UsageError(f"There is no preset {name!r}; choose one of {', '.join(NOISE_PRESETS)}.")
+        check_grade(name)
         return cls(**{**NOISE_PRESETS[name], **changes})

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 from levelhead.errors import UsageError
 from levelhead.estimators.base import Result, SensorData, Status
-from levelhead.estimators.params import Initial, NoiseParams, PlatformParams
+from levelhead.estimators.params import Initial, NoiseParams, PaperParams
 from levelhead.estimators.streaming import Progress, events_of, finish, restored, run
 from levelhead.estimators.uncertainty import EpochRecorder, Epochs, LevelSigma, at_samples, level_sigma
 from levelhead.events import Event
@@ -16,7 +17,7 @@ from levelhead.kernel._kernel import TwoStageF64, two_stage_covariance
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwoStageParams(PlatformParams):
+class TwoStageParams(PaperParams):
     """Constants of the 2013 two-stage estimator, with the paper's values as defaults.
 
     Attributes
@@ -35,6 +36,13 @@ class TwoStageParams(PlatformParams):
         True: the estimates are subtracted from the platform's input. False: the paper's "black box", the platform
         runs on the raw readings and the low-passes read its whole control rate.
     """
+
+    TACTICAL: ClassVar[Mapping[str, float]] = {
+        "tau": 20.0,
+        "tau_heading": 20.0,
+        "tau_gyro_lowpass": 200.0,
+        "tau_accel_lowpass": 200.0,
+    }
 
     tau_gyro_lowpass: float = 40.0
     tau_accel_lowpass: float = 40.0
@@ -85,7 +93,7 @@ class TwoStage(TwoStageF64):
 def predict_two_stage(epochs: Epochs, params: TwoStageParams, noise: NoiseParams) -> LevelSigma:
     """Return how sure the estimator would be after each of these epochs with these constants."""
     constants = params.as_dict()
-    for name in ("min_course_speed", "lever_arm"):
+    for name in ("min_course_speed", "lever_arm", "latitude"):
         del constants[name]
     return level_sigma(two_stage_covariance, constants, epochs, noise)
 

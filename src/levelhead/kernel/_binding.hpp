@@ -315,8 +315,11 @@ size_t run(Stream& s, const nb::tuple& imu, const nb::tuple& gnss, const nb::tup
 }
 
 template <class S>
-PlatformParams<S> platform_params(double tau, double tau_heading, double min_course_speed, double gravity, nb::handle lever_arm) {
-    return {S(tau), S(tau_heading), S(min_course_speed), S(gravity), vec3<S>(lever_arm, "lever_arm")};
+PlatformParams<S> platform_params(double tau, double tau_heading, double min_course_speed, double gravity, nb::handle lever_arm,
+                                  nb::handle latitude = nb::none()) {
+    const bool known = !latitude.is_none();
+    return {S(tau), S(tau_heading), S(min_course_speed), S(gravity), vec3<S>(lever_arm, "lever_arm"), known ? 1u : 0u,
+            known ? S(nb::cast<double>(latitude)) : S(0)};
 }
 
 template <class Estimator>

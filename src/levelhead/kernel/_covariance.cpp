@@ -55,7 +55,7 @@ void bind_covariance(nb::module_& m) {
         [](const Epochs& epochs, const Pairs& leak, SigmaOut out, D tau, D tau_heading, D gravity, D tau_gyro, D omega_accel,
            D gyro_noise, D accel_noise, D gyro_bias_walk, D accel_bias_walk, D velocity_std, D initial_gyro_bias_std,
            D initial_accel_bias_std) {
-            const ObserverParams<D> k{{tau, tau_heading, 0.0, gravity, {0.0, 0.0, 0.0}}, tau_gyro, omega_accel, 0u};
+            const ObserverParams<D> k{{tau, tau_heading, 0.0, gravity, {0.0, 0.0, 0.0}, 0u, 0.0}, tau_gyro, omega_accel, 0u};
             covariance(k, {gyro_noise, accel_noise, gyro_bias_walk, accel_bias_walk, velocity_std, initial_gyro_bias_std,
                            initial_accel_bias_std}, epochs, leak, out, false);
         },
@@ -67,7 +67,7 @@ void bind_covariance(nb::module_& m) {
         [](const Epochs& epochs, const Pairs& leak, SigmaOut out, D tau, D tau_heading, D gravity, D tau_gyro_lowpass,
            D tau_accel_lowpass, D straight_rate, D turn_rate, bool feedback, D gyro_noise, D accel_noise, D gyro_bias_walk,
            D accel_bias_walk, D velocity_std, D initial_gyro_bias_std, D initial_accel_bias_std) {
-            const TwoStageParams<D> k{{tau, tau_heading, 0.0, gravity, {0.0, 0.0, 0.0}}, tau_gyro_lowpass, tau_accel_lowpass,
+            const TwoStageParams<D> k{{tau, tau_heading, 0.0, gravity, {0.0, 0.0, 0.0}, 0u, 0.0}, tau_gyro_lowpass, tau_accel_lowpass,
                                       straight_rate, turn_rate, feedback ? 1u : 0u};
             covariance(k, {gyro_noise, accel_noise, gyro_bias_walk, accel_bias_walk, velocity_std, initial_gyro_bias_std,
                            initial_accel_bias_std}, epochs, leak, out, !feedback);

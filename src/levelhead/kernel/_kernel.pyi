@@ -8,8 +8,8 @@ from levelhead.conventions import FloatArray, StatusArray
 
 DEFAULT_GRAVITY: float
 
-# Time, gyro, accel, wheel speed; time, velocity, its sigma, position, its sigma; and what is filled, one row per IMU sample:
-# gyro bias, accel bias, attitude, velocity, status, sigma of the first three and of the velocity, position, its sigma.
+# Time, gyro, accel, wheel speed; time, velocity, its sigma, position, its sigma; and what is filled, one row per IMU
+# sample: gyro bias, accel bias, attitude, velocity, status, sigma of the first three and of the velocity, position, its sigma.
 ImuArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 GnssArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 OutArrays = tuple[FloatArray | StatusArray, ...]
@@ -83,6 +83,7 @@ class _Observer(_FixedGain):
         tau_gyro: float = ...,
         omega_accel: float = ...,
         paper_gain: bool = ...,
+        latitude: float | None = ...,
         gyro_bias: _Vector = ...,
         accel_bias: _Vector = ...,
     ) -> None: ...
@@ -103,6 +104,7 @@ class _TwoStage(_FixedGain):
         straight_rate: float = ...,
         turn_rate: float = ...,
         feedback: bool = ...,
+        latitude: float | None = ...,
         gyro_bias: _Vector = ...,
         accel_bias: _Vector = ...,
     ) -> None: ...

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from levelhead.conventions import FloatArray
-
-SEMI_MAJOR_AXIS: Final = 6378137.0
-"""WGS-84 equatorial radius, m."""
-ECCENTRICITY_SQUARED: Final = 6.69437999014e-3
-"""WGS-84 first eccentricity squared."""
+from levelhead.earth import radii
 
 
 def shortest_turn(angle: FloatArray) -> FloatArray:
@@ -36,9 +30,7 @@ def steps_ned(position_llh: FloatArray) -> FloatArray:
     middle = 0.5 * (position_llh[1:] + position_llh[:-1])
     step = np.diff(position_llh, axis=0)
     east_angle = shortest_turn(step[:, 1])
-    root = 1.0 - ECCENTRICITY_SQUARED * np.sin(middle[:, 0]) ** 2
-    meridian = SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / root**1.5
-    transverse = SEMI_MAJOR_AXIS / np.sqrt(root)
+    meridian, transverse = radii(middle[:, 0])
     north = step[:, 0] * (meridian + middle[:, 2])
     east = east_angle * (transverse + middle[:, 2]) * np.cos(middle[:, 0])
     return np.column_stack((north, east, -step[:, 2]))

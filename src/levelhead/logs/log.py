@@ -240,8 +240,10 @@ class Log:
         -------
         dict
             ``source``, ``format``, ``completeness``, ``duration_s``, ``imu_rate_hz``, ``gnss_rate_hz``
-            (medians; None where there are fewer than two epochs) and ``distance_m``.
+            (medians; None where there are fewer than two epochs) and ``distance_m``; and what of ``epoch``,
+            ``gnss_time_scale``, ``datum`` and ``height`` is known.
         """
+        known = {name: self.meta[name] for name in ("epoch", "gnss_time_scale", "datum", "height") if name in self.meta}
         return {
             "source": self.meta.get("source"),
             "format": self.meta.get("format"),
@@ -250,6 +252,7 @@ class Log:
             "imu_rate_hz": _rate(self.time),
             "gnss_rate_hz": _rate(self.gnss_time),
             "distance_m": self._distance(),
+            **known,
         }
 
     def _distance(self) -> float:

@@ -84,7 +84,12 @@ def _metadata(meta: Mapping[str, object]) -> dict[bytes, bytes]:
     return metadata
 
 
-def write_table(columns: Mapping[str, Array], units: Mapping[str, str], path: str | os.PathLike[str]) -> None:
+def write_table(
+    columns: Mapping[str, Array],
+    units: Mapping[str, str],
+    path: str | os.PathLike[str],
+    metadata: Mapping[bytes, bytes] | None = None,
+) -> None:
     """Write columns as Parquet, with the units in the metadata ``unit`` of the fields.
 
     Parameters
@@ -93,6 +98,8 @@ def write_table(columns: Mapping[str, Array], units: Mapping[str, str], path: st
         One-dimensional arrays of one length; NaN in a float column is written as absent.
     units : mapping of str to str
         Units by column; columns without one are left out.
+    metadata : mapping of bytes to bytes, optional
+        Of the whole table.
 
     Raises
     ------
@@ -104,7 +111,7 @@ def write_table(columns: Mapping[str, Array], units: Mapping[str, str], path: st
     shapes = {name: np.shape(values) for name, values in columns.items()}
     if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
         raise UsageError(f"The columns of a table must be one-dimensional and of one length; the shapes are {shapes}.")
-    _write_parquet(columns, units, {}, Path(path))
+    _write_parquet(columns, units, dict(metadata or {}), Path(path))
 
 
 def log_columns(log: Log) -> dict[str, FloatArray]:

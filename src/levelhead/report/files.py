@@ -14,6 +14,7 @@ from levelhead.atomic import atomic_path
 from levelhead.conventions import AXES, FloatArray
 from levelhead.errors import OutputError, UsageError
 from levelhead.estimators.base import Result
+from levelhead.logs.result_track import RESULT_KEY
 from levelhead.logs.writers import write_table
 from levelhead.report.html import render_report
 from levelhead.sim import Truth
@@ -77,6 +78,7 @@ def _navigation_columns(result: Result) -> dict[str, tuple[Column, str]]:
         columns.update({f"reference_{name}": (point.position_llh[:, i], unit) for i, (name, unit) in enumerate(PLACE)})
     put_ned("reference_position_std", point.position_std, "m")
     put_ned("reference_velocity", point.velocity_ned, "m/s")
+    put_ned("reference_velocity_std", point.velocity_std, "m/s")
     columns["cross_track_correction"] = point.cross_track, "m"
     columns["height_correction"] = point.height, "m"
     return columns
@@ -85,7 +87,8 @@ def _navigation_columns(result: Result) -> dict[str, tuple[Column, str]]:
 def write_result(result: Result, path: Path) -> None:
     """Write `result.parquet`."""
     columns, units = result_columns(result)
-    write_table(columns, units, path)
+    origin = {"log": dict(result.log_info), "method": result.method}
+    write_table(columns, units, path, {RESULT_KEY: json.dumps(origin).encode()})
 
 
 def write_summary(result: Result, path: Path) -> None:

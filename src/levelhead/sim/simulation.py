@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from levelhead.conventions import FloatArray
+from levelhead.earth import shifted
 from levelhead.errors import UsageError
 from levelhead.logs.log import Log
-from levelhead.sim.earth import shifted
 from levelhead.sim.scenarios import SCENARIOS, Scenario
 from levelhead.sim.sensors import SensorModel, Stream, generator, jitter
 from levelhead.sim.truth import Truth

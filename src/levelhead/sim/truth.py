@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from levelhead.conventions import AXES, FloatArray
+from levelhead.earth import shifted
 from levelhead.errors import UsageError
-from levelhead.sim.earth import shifted
 from levelhead.sim.sensors import Triple
 from levelhead.sim.vehicle import dcm_body_to_ned, to_ned
 

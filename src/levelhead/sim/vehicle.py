@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from levelhead.conventions import GRAVITY, FloatArray
-from levelhead.sim.earth import normal_gravity, radii, turning_of_ned
+from levelhead.earth import normal_gravity, radii, turning_of_ned
 from levelhead.sim.paths import Ground, Heading, SmoothSteps
 from levelhead.sim.signals import Signal, sin_cos
 
@@ -129,7 +129,7 @@ class Vehicle:
 
         The rates of the three are integrated from time 0, where the axle is at the origin, over nodes 0.25 s apart
         (Hermite quadrature and interpolation, off by 0.02 mm at most at 3 m/s), so that any part of a long run can be
-        had. Where another point of the body is, `levelhead.sim.earth.shifted` tells.
+        had. Where another point of the body is, `levelhead.earth.shifted` tells.
         """
         # The error goes with the speed and the fourth power of the step: half the step does up to sixteen times.
         step = _POSITION_STEP_S if self.pace <= 1.0 else 0.5 * _POSITION_STEP_S

@@ -4,6 +4,7 @@
 #define LEVELHEAD_PLATFORM_HPP
 
 #include "dcm.hpp"
+#include "earth.hpp"
 #include "geodesy.hpp"
 
 namespace levelhead {
@@ -16,6 +17,8 @@ struct PlatformParams {
     S min_course_speed;  // below this horizontal speed the course says nothing, m/s
     S gravity;           // m/s^2
     Vec3<S> lever_arm;   // from the IMU to the antenna, body axes, m
+    uint32_t feel_earth; // 1: the papers' estimators compensate the Earth's rotation (tactical grade); 0: they neglect it
+    S latitude;          // for that, rad
 };
 
 constexpr double max_interval = 10.0;       // a longer time between two epochs (or than 2 tau) is an outage, s
@@ -35,6 +38,7 @@ struct PlatformState {
     Dcm<S> dcm_body_to_ned;    // C
     Vec3<S> control_rate_ned;  // w_p, held over the interval after the epoch that measured it, rad/s
     S hold;                    // how long w_p has still to act, s
+    Vec3<S> frame_rate_ned;    // how the navigation frame turns in inertial space, as far as that is compensated, rad/s
     Vec3<S> angular_rate;      // the last bias-free angular rate, for the lever arm, rad/s
 
     // Since the last epoch:
@@ -71,7 +75,7 @@ struct Interval {
 template <class S>
 void restart(PlatformState<S>& p, const Vec3<S>& specific_force) {
     p.dcm_body_to_ned = levelled(specific_force);
-    p.control_rate_ned = {S(0), S(0), S(0)};
+    p.control_rate_ned = p.frame_rate_ned = {S(0), S(0), S(0)};
     p.hold = S(0);
     p.have_velocity = p.aligned = p.heading_known = p.reverse = S(0);
     p.samples = 0;
@@ -89,7 +93,7 @@ LEVELHEAD_HOT void advance(PlatformState<S>& p, S dt, const Vec3<S>& w, const Ve
     p.hold = p.hold - dt_control;
     // w_p is steady in the platform's axes, so the body sees it at half of its own turn: u - theta x u / 2.
     const Vec3<S> theta = w * dt;
-    const Vec3<S> control = transposed_times(c, p.control_rate_ned) * dt_control;
+    const Vec3<S> control = transposed_times(c, p.control_rate_ned * dt_control + p.frame_rate_ned * dt);
     const Vec3<S> phi = theta - control + cross(theta, control) * S(0.5);
     // Eq. (2) integrated: C f with the half rotation that the body makes meanwhile.
     const Vec3<S> dv = f * dt;
@@ -204,12 +208,23 @@ void begin_interval(PlatformState<S>& p, const Sighting<S>& e, const Vec3<S>& ve
     p.have_velocity = S(1);
 }
 
+// Tereshkov (2013), section 4: the frame turns with the Earth and the way made on it, and a moving body feels Coriolis. Before
+// the heading is known nobody knows where North is, and only the vertical part can be taken off.
+template <class S>
+void feel_the_earth(PlatformState<S>& p, const PlatformParams<S>& k, Sighting<S>& e) {
+    const FrameRate<S> rate = frame_rate(k.latitude, e.velocity);
+    const auto known = p.heading_known > S(0.5);
+    p.frame_rate_ned = select(known, rate.turn, Vec3<S>{S(0), S(0), rate.turn.z});
+    e.gnss_force = e.gnss_force + cross(rate.coriolis, e.velocity) * select(known, S(1), S(0));
+}
+
 // Close the interval that ends with this fix (Eq. 3 on increments) and set w_p for the next one.
 template <class S>
 Interval<S> close_interval(PlatformState<S>& p, const PlatformParams<S>& k, const Fix<S>& fix) {
     const S length = fix.length;
-    const Sighting<S> e = sight(p, k, fix);
+    Sighting<S> e = sight(p, k, fix);
     Interval<S> out{};
+    if (k.feel_earth) feel_the_earth(p, k, e);
 
     // Running: w_p = -k x (f_gnss - f_p), k = (0, 0, -1/(g tau)); a correction never exceeds what was measured (T <= tau).
     const Vec3<S> d = e.gnss_force - p.delta_velocity * e.rate;
