@@ -21,6 +21,7 @@ lint: $(VENV)/tested
 bench: $(VENV)/built
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/filters.py
+	$(BIN)/python benchmarks/navigation.py
 	$(BIN)/python benchmarks/speed.py
 
 # What takes minutes: a thousand drives, and outside authorities.
@@ -31,6 +32,7 @@ soak: $(VENV)/tested
 # Real drives are not part of the repository: make drives DATA=folder
 drives: $(VENV)/built
 	$(BIN)/python benchmarks/real_drives.py $(DATA)
+	$(BIN)/python benchmarks/navigation.py --seeds 2 --data $(DATA)
 
 $(VENV)/built: $(SOURCES)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

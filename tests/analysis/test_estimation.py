@@ -56,7 +56,7 @@ def test_positions_alone_will_do_and_the_result_says_so() -> None:
     # 2 cm positions at 10 Hz, differenced: 0.28 m/s of noise per epoch, ten times that of a Doppler velocity, but
     # correlated so that it averages out: the biases come within the bands that count as settled.
     log, truth = lh.simulate("windrower", seed=8, duration=900.0)
-    result = lh.estimate(replace(log, velocity_ned=None, velocity_std=None))
+    result = lh.estimate(replace(log, velocity_ned=None, velocity_std=None), "observer")
     event = next(e for e in result.events if e.code == "I_VELOCITY_DERIVED")
     assert event.count == log.gnss_time.size - 1
     assert np.degrees(np.abs(result.gyro_bias - truth.gyro_bias)[-1, :2]).max() < 0.02

@@ -239,6 +239,7 @@ def test_the_result_file_has_the_navigation_behind_the_older_columns(make_naviga
         *("reference_latitude", "reference_longitude", "reference_height"),
         *(f"reference_position_std_{axis}" for axis in "ned"),
         *(f"reference_velocity_{axis}" for axis in "ned"),
+        *(f"reference_velocity_std_{axis}" for axis in "ned"),
         "cross_track_correction",
         "height_correction",
     ]

@@ -127,6 +127,9 @@ def errors_of(log: Log, result: Result, constants: MethodParams) -> Errors | Non
     # Pairs of fix and estimate in one row: every second step is from a fix to its estimate.
     ned = steps_ned(np.stack((fix, imu), axis=1).reshape(-1, 3))[::2] + arm
     own = _fix_std(log, constants)[there]
+    # Where the clocks differ, the antenna has moved on meanwhile.
+    late = getattr(constants, "timing_std", 0.0) * _between(result.time, result.velocity_ned, time)
+    own = np.hypot(own, late)
     return Errors(time=time, ned=ned, std=np.hypot(_between(result.time, sigma, time), own))
 
 
@@ -192,7 +195,7 @@ def _driven(log: Log, start: float, stop: float) -> float:
 
 
 def agreement_of(errors: Errors, start: float) -> Agreement:
-    """Return the RMS difference from a time on, s."""
+    """Return the RMS difference from a time on, s; the sigma knows the clocks' difference (`timing_std`), too."""
     late = (errors.time >= start) & np.isfinite(errors.ned).all(axis=1)
     ned = errors.ned[late]
     ratio = rms(np.divide(ned, errors.std[late], out=np.full(ned.shape, np.nan), where=errors.std[late] > 0.0))

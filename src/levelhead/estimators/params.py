@@ -37,7 +37,8 @@ class Initial:
     gyro_bias, accel_bias : (3,)
         Biases to start from, rad/s and m/s^2, body frame.
     heading : float, optional
-        Heading at the first sample, rad, where something tells it (two antennas, a compass, how it was parked). Only the phasor filter and the smoother use it, until the first course.
+        Heading at the first sample, rad, where something tells it (two antennas, a compass, how it was parked). Only
+        the phasor filter and the smoother use it, until the first course.
     heading_std : float
         Its one sigma, rad.
     """
@@ -236,7 +237,7 @@ class FilterParams(NoiseParams, MethodParams):
 
     latitude: float | None = None
     position_std: float = 1.5
-    timing_std: float = 0.02
+    timing_std: float = 0.05
     use_positions: bool = True
     earth_rotation: bool = True
 

@@ -7,7 +7,8 @@ the four. Where the header has closed forms this file has a matrix exponential, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,7 +23,16 @@ from levelhead.kernel.reference import (
     smallest_rotation,
     wrapped,
 )
-from levelhead.kernel.reference_smoother import ComplexArray, Measured, Record, embedded, stacked
+from levelhead.kernel.reference_smoother import (
+    ComplexArray,
+    Measured,
+    Record,
+    as_complex,
+    as_vector,
+    embedded,
+    exponential,
+    stacked,
+)
 
 NU, THETA, GYRO, ACCEL = range(4)
 EARTH_RATE, EARTH_RADIUS = 7.292115e-5, 6.371e6
@@ -31,25 +41,12 @@ LONGEST_STEP, LARGEST_TURN = 0.999, 0.35
 BRIDGE_GAP, RESET_GAP = 0.2, 2.0
 
 
-def exponential(matrix: ComplexArray) -> ComplexArray:
-    """Return the matrix exponential: the Taylor series of a 64th, squared six times."""
-    small, out, term = matrix / 64.0, np.eye(len(matrix), dtype=np.complex128), np.eye(len(matrix), dtype=np.complex128)
-    for k in range(1, 20):
-        term = term @ small / k
-        out = out + term
-    for _ in range(6):
-        out = out @ out
-    return out
+class KernelParams(Protocol):
+    """Constants of the filter, as `PhasorParams` has them."""
 
-
-def as_complex(vector: FloatArray) -> complex:
-    """Return the horizontal part of a vector as x + iy."""
-    return complex(vector[0], vector[1])
-
-
-def as_vector(horizontal: complex, down: float = 0.0) -> FloatArray:
-    """Return the vector of a horizontal part x + iy and a vertical one."""
-    return np.array([horizontal.real, horizontal.imag, down])
+    def kernel_arguments(self) -> dict[str, Any]:
+        """Return the constants under the names of the compiled class."""
+        ...
 
 
 @dataclass(kw_only=True)
@@ -295,8 +292,19 @@ class ReferencePhasor:
         s = self.turning[0, 0] + r / speed**2 + self.slide(speed)
         self.turning = self.turning - np.outer(self.turning[:, 0], self.turning[0]) / s
         self.share = np.zeros((4, 2), dtype=np.complex128)
+        # What a stand has put into the gyro bias of the Earth's rate, now that North is known, can be told apart.
         unseen, _ = self.frame(self.velocity)
-        self.p[GYRO, GYRO] += (unseen[0] ** 2 + unseen[1] ** 2) / 2
+        learnt = float(np.clip(1.0 - self.p[GYRO, GYRO].real / self.initial_gyro_bias_std**2, 0.0, 1.0))
+        if (self.azimuth * np.exp(-1j * angle)).real > 0.98:
+            self.gyro_bias = self.gyro_bias - self.dcm.T @ (unseen * learnt * (1.0 - DOWN))
+            self.p[GYRO, GYRO] += self.unseen_var() * (0.2 * learnt) ** 2
+        else:
+            self.p[GYRO, GYRO] += self.unseen_var()
+
+    def unseen_var(self) -> float:
+        """Return the variance of the Earth's horizontal rate, of unknown direction, per axis."""
+        unseen, _ = self.frame(self.velocity)
+        return float(unseen[0] ** 2 + unseen[1] ** 2) / 2.0
 
     def take_velocity(self, v: FloatArray, r: float, r_down: float) -> None:
         """Begin at this velocity and learn nothing from the one before."""
@@ -393,6 +401,8 @@ class ReferencePhasor:
             self.p.diagonal().real + np.einsum("ij,jk,ik->i", self.share, self.turning, self.share.conj()).real / 2.0
         )
         down = self.dcm[2]
+        if not self.heading_known and self.aligned:
+            level[GYRO] += self.unseen_var()
         gyro = level[GYRO] + (self.turning[1, 1] - level[GYRO]) * down**2
         accel = level[ACCEL] + (self.lifting[1, 1] + self.gravity_std**2 - level[ACCEL]) * down**2
         tilt, cos2 = level[THETA], 1.0 - down[0] ** 2
@@ -400,6 +410,14 @@ class ReferencePhasor:
         angles = np.array([tilt / cos2, tilt, heading]) if self.aligned else np.full(3, np.pi**2)
         sigma: FloatArray = np.sqrt(np.concatenate([gyro, accel, angles]))
         return sigma
+
+
+def reference_phasor(params: KernelParams) -> ReferencePhasor:
+    """Return the twin with these constants: velocities alone, no standstill."""
+    arguments = params.kernel_arguments()
+    names = {f.name for f in fields(ReferencePhasor)}
+    known = {name: value for name, value in arguments.items() if name in names}
+    return ReferencePhasor(**{**known, "lever_arm": np.array(arguments["lever_arm"])})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,27 @@ from levelhead.kernel.reference import about_down, rotation
 ComplexArray = NDArray[np.complex128]
 
 
+def exponential(matrix: ComplexArray) -> ComplexArray:
+    """Return the matrix exponential: the Taylor series of a 64th, squared six times."""
+    small, out, term = matrix / 64.0, np.eye(len(matrix), dtype=np.complex128), np.eye(len(matrix), dtype=np.complex128)
+    for k in range(1, 20):
+        term = term @ small / k
+        out = out + term
+    for _ in range(6):
+        out = out @ out
+    return out
+
+
+def as_complex(vector: FloatArray) -> complex:
+    """Return the horizontal part of a vector as x + iy."""
+    return complex(vector[0], vector[1])
+
+
+def as_vector(horizontal: complex, down: float = 0.0) -> FloatArray:
+    """Return the vector of a horizontal part x + iy and a vertical one."""
+    return np.array([horizontal.real, horizontal.imag, down])
+
+
 def embedded(matrix: ComplexArray) -> FloatArray:
     """Return the real matrix that does to (Re x, Im x) what a complex one does to x."""
     return np.block([[matrix.real, -matrix.imag], [matrix.imag, matrix.real]])

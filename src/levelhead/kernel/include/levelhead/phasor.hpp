@@ -54,6 +54,7 @@ struct Phasor {
     S turned;                            // integral of the squared yaw rate, rad^2/s
     S surprise, surprises;               // mean of the squared normalised innovations, and how many went into it
     S gravity_var, gravity;              // gravity: the parameter's, or the place's
+    S unseen_rate2;                      // variance of the Earth's rate that hides in the level gyro biases: no North yet
     S latitude_felt;                     // the parameter's, or the place's; NaN: the Earth's rotation is not compensated
     Anchor<S> anchor;                    // a position that start-up takes its velocities from
     Standstill<S> rest;
@@ -161,7 +162,7 @@ struct Phasor {
     }
 
     uint32_t settled() const {
-        return settled_bits(square_root(horizontal.gg), square_root(horizontal.aa), square_root(turning.bb),
+        return settled_bits(square_root(horizontal.gg + unseen_rate2), square_root(horizontal.aa), square_root(turning.bb),
                             square_root(turning.xx), turned > S(enough_turning));
     }
 
@@ -272,6 +273,12 @@ struct Phasor {
         add_noise(horizontal, k.noise, t, force);
         horizontal.tt = horizontal.tt + gap_tilt;
         horizontal.nn = horizontal.nn + gap_velocity;
+        if (positions) {  // what a gap hides of the velocity has moved the position, too
+            horizontal.np.re = horizontal.np.re + S(0.5) * t * gap_velocity;
+            horizontal.pp = horizontal.pp + S(1.0 / 3) * t * t * gap_velocity;
+            lifting.dv = lifting.dv + S(0.5) * t * gap_velocity;
+            lifting.dd = lifting.dd + S(1.0 / 3) * t * t * gap_velocity;
+        }
         propagate(lifting, t, k.noise.accel, k.noise.accel_walk, positions);
         lifting.vv = lifting.vv + gap_velocity;
         // A tick may have come at the very epoch: nothing has moved since, and the yaw rate is still what it was.
@@ -300,6 +307,7 @@ struct Phasor {
         latitude_felt = latitude(k);
         const FrameRate<S> rate = frame_rate(latitude_felt, platform.velocity_ned);
         const auto known = platform.heading_known > S(0.5);
+        unseen_rate2 = select(known, S(0), S(0.5) * (rate.turn.x * rate.turn.x + rate.turn.y * rate.turn.y));
         platform.velocity_ned = platform.velocity_ned - cross(rate.coriolis, platform.velocity_ned) * select(known, t, S(0));
         platform.control_rate_ned = select(known, rate.turn, Vec3<S>{S(0), S(0), rate.turn.z});
         platform.hold = S(1e9);

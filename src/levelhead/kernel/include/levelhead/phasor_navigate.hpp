@@ -71,14 +71,14 @@ void observe_position(Filter& f, const PhasorParams<S>& k, const Fix<S>& fix) {
     const S z_along = inner(ahead, z), z_across = inner(times_i(ahead), z);
     const S r_along = r + (v.x * v.x + v.y * v.y) * late, r_lift = r_down + v.z * v.z * late;
     const S s_along = f.spread(along, r_along), s_across = f.spread(across, r), s_down = f.lifting.dd + r_lift;
-    const S d = maximum(maximum(doubted(z_along, s_along), doubted(z_across, s_across)), doubted(error.z, s_down));
+    // A clock that is off shows along the way only, and must not cost the rest its trust; an outlier shows everywhere.
+    const S aside = maximum(doubted(z_across, s_across), doubted(error.z, s_down)), d = maximum(doubted(z_along, s_along), aside);
     f.implausible = d > S(jump_doubt) ? f.implausible + fix.length : S(0);
     if (f.implausible > S(jump_time)) return begin_position(f, k, fix);
-    const S more = d - S(1);
     f.surprises = minimum(f.surprises + S(1), S(1e5));
-    f.surprise = f.surprise + (S(0.5) * (z_along * z_along / s_along + z_across * z_across / s_across) / d - f.surprise) / f.surprises;
-    f.lift({S(0), S(0), S(1)}, error.z, r_lift + more * s_down);
-    f.take(along, across, z_along, z_across, r_along + more * s_along, r + more * s_across);
+    f.surprise = f.surprise + (S(0.5) * (z_along * z_along / (s_along * d) + z_across * z_across / (s_across * aside)) - f.surprise) / f.surprises;
+    f.lift({S(0), S(0), S(1)}, error.z, r_lift + (aside - S(1)) * s_down);
+    f.take(along, across, z_along, z_across, r_along + (d - S(1)) * s_along, r + (aside - S(1)) * s_across);
 }
 
 template <class Filter, class S>

@@ -98,7 +98,7 @@ auto shown_sigma(const Filter& f) {
     const HeadingShare<S>& share = f.share;
     const bool aligned = f.platform.aligned > S(0.5), tracked = aligned && f.tracked > S(0.5);
     const S any_angle = S(pi * pi), heading = f.platform.heading_known > S(0.5) ? pair.xx : any_angle, unknown = S(NAN);
-    Sigma<S> out = level_sigma(f.platform.dcm_body_to_ned.z, f.horizontal.gg + shared_variance(pair, share.x.g, share.b.g), pair.bb,
+    Sigma<S> out = level_sigma(f.platform.dcm_body_to_ned.z, f.horizontal.gg + f.unseen_rate2 + shared_variance(pair, share.x.g, share.b.g), pair.bb,
                                f.horizontal.aa + shared_variance(pair, share.x.a, share.b.a), f.lifting.bb + f.gravity_var,
                                f.horizontal.tt + shared_variance(pair, share.x.t, share.b.t), heading);
     if (!aligned) out.attitude = {S(pi), S(pi), S(pi)};

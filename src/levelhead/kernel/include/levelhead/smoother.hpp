@@ -29,7 +29,7 @@ struct SmootherRecord {
     Vec3<S> velocity_ned, gyro_bias, accel_bias;
     Geodetic place;
     Complex<S> azimuth;
-    S gravity, latitude;
+    S gravity, latitude, unseen_rate2;
     Sigma<S> sigma;  // smoothed
 };
 
@@ -72,6 +72,7 @@ struct Recording {
         now.place = f.place;
         now.gravity = f.gravity;
         now.latitude = f.latitude_felt;
+        now.unseen_rate2 = f.unseen_rate2;
         sink->push(now);
     }
 };
@@ -117,7 +118,7 @@ Sigma<S> smoothed_sigma(const SmootherRecord<S>& r, const AdjointVariance<S>& m,
         const LiftVector<S> w = times(r.lifting, x);
         return maximum(inner(x, w) - inner(w, times(m.lift, w)), none);
     };
-    Sigma<S> out = level_sigma(r.dcm_body_to_ned.z, gyro, drift, accel, lift({none, S(1), none}) + gravity_var, tilt,
+    Sigma<S> out = level_sigma(r.dcm_body_to_ned.z, gyro + r.unseen_rate2, drift, accel, lift({none, S(1), none}) + gravity_var, tilt,
                                r.heading_known ? turn : S(pi * pi));
     out.velocity = {square_root(variance(at(north, o, o, o, o))), square_root(variance(at(east, o, o, o, o))),
                     square_root(lift({S(1), none, none}))};
@@ -142,8 +143,8 @@ void replace_by_smoothed(SmootherRecord<S>& r, const Adjoint<S>& a) {
     r.dcm_body_to_ned = turned_about_vertical(rotated_in_ned(r.dcm_body_to_ned, {theta.re, theta.im, S(0)}), d.turn);
 }
 
-// How often a new sigma is worth its while, s: it hardly changes between epochs that are closer together.
-constexpr double sigma_every = 0.45;
+// How often a new sigma is worth its while, s: it hardly changes between epochs that are closer together, but near the ends.
+constexpr double sigma_every = 0.45, sigma_ends = 20.0;
 
 // Replace the filter's state in each record by the smoothed one; `gravity_var` as in the filter.
 template <class S>
@@ -151,14 +152,15 @@ void smooth(const Tape<S>& tape, S gravity_var) {
     Adjoint<S> a{};
     AdjointVariance<S> m{};
     const SmootherRecord<S>* shown = nullptr;
+    const double first = tape.count > 0 ? tape.records[0].time : 0.0, last = tape.count > 0 ? tape.records[tape.count - 1].time : 0.0;
     for (long k = tape.count - 1; k >= 0; --k) {
         SmootherRecord<S>& r = tape.records[k];
         if (k + 1 < tape.count && !tape.records[k + 1].fresh && tape.records[k + 1].heading_known) r.heading_known = true;
+        replace_by_smoothed(r, a);  // first: sigma in body axes is that of the smoothed attitude
         const bool same = shown != nullptr && shown->time - r.time < sigma_every && shown->tracked == r.tracked &&
-                          shown->heading_known == r.heading_known && k > 0 && !shown->fresh;
+                          shown->heading_known == r.heading_known && r.time > first + sigma_ends && r.time < last - sigma_ends && !shown->fresh;
         r.sigma = same ? shown->sigma : smoothed_sigma(r, m, gravity_var);
         if (!same) shown = &r;
-        replace_by_smoothed(r, a);
         for (long j = r.first + r.count - 1; j >= r.first; --j) {
             unobserve(a.x, tape.observations[j]);
             unobserve(m, tape.observations[j]);
