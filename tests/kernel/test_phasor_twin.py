@@ -81,7 +81,7 @@ def run_compiled(params: PhasorParams, log: Log, *, single: bool = False) -> Tra
 
 def run_numpy(params: PhasorParams, log: Log) -> PhasorTrace:
     assert log.velocity_ned is not None
-    twin = reference_phasor(params)
+    twin = reference_phasor(params.kernel_arguments())
     inside = (log.gnss_time >= log.time[0]) & (log.gnss_time <= log.time[-1])
     std = std_rows(log.velocity_std, log.gnss_time.size)
     return run_reference_phasor(

@@ -47,7 +47,7 @@ def smoothed_once(log: Log) -> Trace:
 def reference_records(log: Log) -> list[Record]:
     """Run the NumPy filter and return what it did at each epoch."""
     assert log.velocity_ned is not None
-    twin = reference_phasor(PARAMS)
+    twin = reference_phasor(PARAMS.kernel_arguments())
     std = std_rows(log.velocity_std, log.gnss_time.size)
     run_reference_phasor(twin, log.time, log.gyro, log.accel, log.gnss_time, log.velocity_ned, std)
     assert [r.fresh for r in twin.records] == [True] + [False] * (len(twin.records) - 1)

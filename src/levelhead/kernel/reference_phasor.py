@@ -8,7 +8,7 @@ the four. Where the header has closed forms this file has a matrix exponential, 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -39,14 +39,6 @@ EARTH_RATE, EARTH_RADIUS = 7.292115e-5, 6.371e6
 UNKNOWN_HEADING_VAR = 1e6
 LONGEST_STEP, LARGEST_TURN = 0.999, 0.35
 BRIDGE_GAP, RESET_GAP = 0.2, 2.0
-
-
-class KernelParams(Protocol):
-    """Constants of the filter, as `PhasorParams` has them."""
-
-    def kernel_arguments(self) -> dict[str, Any]:
-        """Return the constants under the names of the compiled class."""
-        ...
 
 
 @dataclass(kw_only=True)
@@ -412,9 +404,8 @@ class ReferencePhasor:
         return sigma
 
 
-def reference_phasor(params: KernelParams) -> ReferencePhasor:
-    """Return the twin with these constants: velocities alone, no standstill."""
-    arguments = params.kernel_arguments()
+def reference_phasor(arguments: dict[str, Any]) -> ReferencePhasor:
+    """Return the twin with `PhasorParams.kernel_arguments`: velocities alone, no standstill."""
     names = {f.name for f in fields(ReferencePhasor)}
     known = {name: value for name, value in arguments.items() if name in names}
     return ReferencePhasor(**{**known, "lever_arm": np.array(arguments["lever_arm"])})
