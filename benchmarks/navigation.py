@@ -56,10 +56,9 @@ def across(off: FloatArray, heading: FloatArray) -> FloatArray:
 
 
 def constants(method: str, sensors: SensorModel, *, axle: bool = False) -> FilterParams:
-    """Return the true noise of a simulation, its one clock, and the axle where it shall count."""
+    """Return the true noise of a simulation, and the axle where it shall count."""
     params = true_params(method, sensors)
     assert isinstance(params, FilterParams)
-    params = replace(params, timing_std=0.0)
     return replace(params, rear_axle=(0.0, 0.0, 0.0)) if axle and isinstance(params, lh.PhasorParams) else params
 
 

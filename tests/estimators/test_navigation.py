@@ -22,10 +22,10 @@ ROOF = SensorModel(lever_arm=(0.3, 0.1, -1.5))
 
 
 def constants(method: str, sensors: SensorModel, **changes: object) -> FilterParams:
-    """The true noise, one clock for all, and the lever arm."""
+    """The true noise, and the lever arm."""
     params = true_params(method, sensors)
     assert isinstance(params, FilterParams)
-    values: dict[str, Any] = {"timing_std": 0.0, "lever_arm": sensors.lever_arm, **changes}
+    values: dict[str, Any] = {"lever_arm": sensors.lever_arm, **changes}
     return replace(params, **values)
 
 

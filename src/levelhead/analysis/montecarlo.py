@@ -171,7 +171,8 @@ def true_params(method: str, sensors: SensorModel, scenario: str | None = None) 
     # What a filter may take as unknown about the vehicle is known here.
     sideslip = 0.0 if scenario is None else SCENARIOS[scenario].sideslip
     vehicle = {"sideslip_std": max(STEADY, sideslip), "axle_std": max(STEADY, abs(sensors.imu_from_axle[0]))}
-    known |= {name: value for name, value in vehicle.items() if name in names}
+    clocks = {"timing_std": max(abs(sensors.gnss_latency), sensors.gnss_time_jitter)}
+    known |= {name: value for name, value in (vehicle | clocks).items() if name in names}
     arm = sensors.dcm_imu_to_vehicle.T @ np.array(sensors.lever_arm)
     return kind.from_dict({**known, "lever_arm": tuple(float(v) for v in arm)})
 
