@@ -23,10 +23,11 @@ from levelhead.conventions import FloatArray
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators import METHODS
 from levelhead.estimators.base import Result, Status
-from levelhead.estimators.params import MethodParams
+from levelhead.estimators.params import FilterParams, MethodParams
 from levelhead.estimators.streaming import Progress
 from levelhead.estimators.trust import ACCEL_BAND, GYRO_BAND
 from levelhead.sim import SCENARIOS, SensorModel, Truth, simulate
+from levelhead.sim.simulation import ORIGIN_LLH
 
 SAMPLE_S: Final = 10.0
 """Consistency is looked at this often, s: errors of attitude are forgotten by then, those of the biases are not."""
@@ -173,6 +174,9 @@ def true_params(method: str, sensors: SensorModel, scenario: str | None = None) 
     vehicle = {"sideslip_std": max(STEADY, sideslip), "axle_std": max(STEADY, abs(sensors.imu_from_axle[0]))}
     clocks = {"timing_std": max(abs(sensors.gnss_latency), sensors.gnss_time_jitter)}
     known |= {name: value for name, value in (vehicle | clocks).items() if name in names}
+    if issubclass(kind, FilterParams):
+        # So is gravity, which the place tells: unknown, it is in the sigma of every accelerometer axis that tilts.
+        known["latitude"] = ORIGIN_LLH[0]
     arm = sensors.dcm_imu_to_vehicle.T @ np.array(sensors.lever_arm)
     return kind.from_dict({**known, "lever_arm": tuple(float(v) for v in arm)})
 
