@@ -110,7 +110,7 @@ struct Phasor {
         const Vec3<S> before = platform.delta_velocity, w = gyro - gyro_bias, f = accel - accel_bias;
         advance(platform, dt, w, f, platform.dcm_body_to_ned.z);
         if (tracked > S(0.5)) shift = shift + (before + platform.delta_velocity) * (S(0.5) * dt);
-        if (k.find_rest) rest.add(w, f, dt);
+        if (k.find_rest) rest.add(gyro, f, dt);
         if (!(platform.aligned > S(0.5))) anchor.age = anchor.age + dt;
         elapsed = elapsed + dt;
     }

@@ -157,34 +157,36 @@ void roll_on(Filter& f, const PhasorParams<S>& k, bool gnss) {
     f.take(row, error, variance + (d - S(1)) * s);
 }
 
-// A second is over: was the vehicle at rest? Then it has no velocity, and what the gyros read is bias and the Earth.
+// A second is over: was the vehicle at rest? Then it has no velocity, and what the gyros read is bias and the Earth. Each
+// residual is taken after the correction before it, which may have changed the bias.
 template <class Filter, class S>
 void rest_now(Filter& f, const PhasorParams<S>& k) {
     const PlatformState<S>& p = f.platform;
-    const Vec3<S> v = p.velocity_ned;
-    f.rest.judge(square_root(f.horizontal.gg + f.turning.bb), v.x * v.x + v.y * v.y, f.horizontal.nn);
-    const Vec3<S> rate = p.dcm_body_to_ned * f.rest.mean_rate() - p.control_rate_ned;
+    const Vec3<S> v = p.velocity_ned, mean = f.rest.mean_rate();
+    f.rest.judge(f.gyro_bias, square_root(f.horizontal.gg + f.turning.bb), v.x * v.x + v.y * v.y, f.horizontal.nn);
     const S time = f.rest.time;
     const bool still = f.rest.still > S(0.5);
     f.rest.clear();
     if (!still) return;
     f.rested = f.rested + time;
+    const auto left = [&] { return p.dcm_body_to_ned * (mean - f.gyro_bias) - p.control_rate_ned; };
     Row<S> one{}, two{}, down{};
     one.x.n = {S(1), S(0)};
     two.x.n = {S(0), S(1)};
     const Complex<S> z = f.to_level(v.x, v.y);
-    const S none = S(rest_velocity_std * rest_velocity_std);
-    f.take(one, two, z.re, z.im, none * doubted(square_root(norm2(z)), f.spread(one, none)), none * doubted(square_root(norm2(z)), f.spread(one, none)));
-    f.lift({S(1), S(0), S(0)}, f.platform.velocity_ned.z, none);
+    const S none = S(rest_velocity_std * rest_velocity_std), slow = none * doubted(square_root(norm2(z)), f.spread(one, none));
+    f.take(one, two, z.re, z.im, slow, slow);
+    f.lift({S(1), S(0), S(0)}, p.velocity_ned.z, none);
     one = two = Row<S>{};
     one.x.g = {S(1), S(0)};
     two.x.g = {S(0), S(1)};
     down.bias = S(1);
+    const Vec3<S> rate = left();
     const Complex<S> turn = f.to_level(rate.x, rate.y);
     const S noise = k.noise.gyro / time;
     const S d = maximum(doubted(square_root(norm2(turn)), f.spread(one, noise)), doubted(rate.z, f.spread(down, noise)));
     f.take(one, two, turn.re, turn.im, noise * d, noise * d);
-    f.take(down, rate.z, noise * d);
+    f.take(down, left().z, noise * d);
 }
 
 }  // namespace levelhead

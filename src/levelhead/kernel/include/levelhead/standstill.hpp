@@ -52,8 +52,9 @@ struct Standstill {
     S fixes, fastest2, variance;  // how many, the largest squared speed, the sum of their variances per axis
     S still;                // 1: the last window was at rest
 
-    LEVELHEAD_HOT void add(const Vec3<S>& w, const Vec3<S>& f, S dt) {
-        rate.add(w, dt);
+    // The gyros' own readings: the bias that is known of them may change within the window.
+    LEVELHEAD_HOT void add(const Vec3<S>& gyro, const Vec3<S>& f, S dt) {
+        rate.add(gyro, dt);
         force.add(f, dt);
         time = time + dt;
     }
@@ -65,12 +66,13 @@ struct Standstill {
         fastest2 = maximum(fastest2, v.x * v.x + v.y * v.y);
     }
 
-    // The mean angular rate over the window.
+    // The mean reading of the gyros over the window.
     Vec3<S> mean_rate() const { return rate.sum * (S(1) / time); }
 
-    // Decide at the end of a window. `slack` is how wrong the mean rate can be, `speed2` and `speed_var` are the filter's own.
-    void judge(S slack, S speed2, S speed_var) {
-        const bool turning = norm(mean_rate()) > S(rest_rate) + S(3) * slack;
+    // Decide at the end of a window. `bias` is the gyros' and `slack` how wrong it can be, `speed2` and `speed_var` are the
+    // filter's own.
+    void judge(const Vec3<S>& bias, S slack, S speed2, S speed_var) {
+        const bool turning = norm(mean_rate() - bias) > S(rest_rate) + S(3) * slack;
         const bool quiet = (!rate.tells() || rate.still(time)) && (!force.tells() || force.still(time)) && (rate.tells() || force.tells());
         if (fixes > S(0)) {
             const S n = S(1) / fixes, std2 = variance * n, peak = S(rest_peak) + S(3) * square_root(std2);
