@@ -290,7 +290,7 @@ void add_seen(PhasorMoments<S, Kind>& p, const PhasorVector<S>& v, S variance) {
 // A heading error turns the specific force, nu' = ... + i f psi. That has a direction, so it would spoil the circular
 // covariance; it is kept apart, as in Friedland's separate-bias filter: the errors are what the covariance says, plus x times
 // the heading error and b times the error of the vertical gyro bias. All parts stay positive whatever happens. (With the
-// directed moments C beside it nothing of this is approximate.)
+// directed moments C beside it only what the bias's random walk does to the heading within one interval is approximate.)
 template <class S>
 struct HeadingShare {
     PhasorVector<S> x, b;
