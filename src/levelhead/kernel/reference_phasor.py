@@ -85,7 +85,9 @@ class ReferencePhasor:
         self.begin_interval()
         self.rate = np.zeros(3)
         gyro, accel = self.gyro_bias_walk * lost, self.accel_bias_walk * lost
-        self.p = self.p + np.diag([0.0, 0.0, gyro, accel])
+        shared = np.einsum("ij,jk,ik->i", self.share, self.turning, self.share.conj()).real / 2.0
+        self.p = self.p + np.diag([0.0, 0.0, gyro + shared[GYRO], accel + shared[ACCEL]])
+        self.share = np.zeros((4, 2), dtype=np.complex128)
         self.turning = self.turning + np.diag([0.0, gyro])
         self.lifting = self.lifting + np.diag([0.0, accel])
 

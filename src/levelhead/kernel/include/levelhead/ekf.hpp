@@ -415,7 +415,10 @@ struct Ekf {
     // Start-up needs velocities; after it a position serves by itself.
     Interval<S> position_alone(const Params& k, const Fix<S>& fix) {
         Interval<S> out{};
-        if (!(platform.heading_known > S(0.5))) return out;
+        if (!(platform.heading_known > S(0.5))) {
+            out.waiting = S(1);  // the interval that start-up levels over goes on
+            return out;
+        }
         const S rate = S(1) / maximum(elapsed, S(1e-6));
         turning = minimum(turning + platform.turn * platform.turn * rate, S(1e3));
         Vec3<S> v = velocity(k, elapsed);

@@ -14,6 +14,16 @@ struct Row {
     S turn, bias;
 };
 
+// What is to be taken off the joint errors.
+template <class S>
+struct Correction {
+    PhasorVector<S> x;
+    S turn, bias;
+};
+
+template <class S>
+Correction<S> operator+(const Correction<S>& a, const Correction<S>& b) { return {a.x + b.x, a.turn + b.turn, a.bias + b.bias}; }
+
 // What one measurement did: `gain` and `turn` times `error` was taken off the joint errors.
 template <class S>
 struct Observation {
@@ -23,7 +33,7 @@ struct Observation {
     S error;
     S left;  // 1 less what the row sees of the gain, without cancellation
 
-    PhasorVector<S> correction() const { return gain * error; }
+    Correction<S> correction() const { return {gain * error, turn.x * error, turn.b * error}; }
 };
 
 // P <- P - k k^H / 2s, C <- C - k k^T / 2s: k is the covariance with the real number measured, s its variance.
@@ -47,6 +57,18 @@ Observation<S> observe(PhasorCovariance<S>& p, PhasorDirection<S>& c, PairCovari
     share.x = share.x + own * -hx;
     share.b = share.b + own * -hb;
     return {row, own + share.x * told.x + share.b * told.b, told, error, variance / told.variance};
+}
+
+// The same of the heading alone, which leaves the covariance of the five as it is.
+template <class S>
+Observation<S> observe_heading(PairCovariance<S>& pair, const HeadingShare<S>& share, S error, S variance) {
+    Observation<S> o{};
+    o.row.turn = S(1);
+    o.turn = measure(pair, variance);
+    o.gain = share.x * o.turn.x + share.b * o.turn.b;
+    o.error = error;
+    o.left = variance / o.turn.variance;
+    return o;
 }
 
 // The innovation variance that such a measurement would have.

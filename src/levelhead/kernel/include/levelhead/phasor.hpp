@@ -58,7 +58,7 @@ struct Phasor {
     S latitude_felt;                     // the parameter's, or the place's; NaN: the Earth's rotation is not compensated
     Anchor<S> anchor;                    // a position that start-up takes its velocities from
     Standstill<S> rest;
-    S rested, jumps;                     // seconds found at rest; how often the position began anew
+    S jumps;                             // how often the position began anew because the fixes had left it
     S since_steered, since_constrained;  // since course or axle last corrected the heading, and the axle, s
     S implausible;                       // for how long positions have been far away, s
     S wheel_speed, wheel_scale, wheel_scale_var;  // the last reading (NaN: used up); speed over reading, and its variance
@@ -93,6 +93,10 @@ struct Phasor {
         turning.bb = turning.bb + k.noise.gyro_walk * lost;
         horizontal.aa = horizontal.aa + k.noise.accel_walk * lost;
         lifting.bb = lifting.bb + k.noise.accel_walk * lost;
+        // What heading and vertical gyro bias had put into the biases stays there, when these are forgotten.
+        horizontal.gg = horizontal.gg + shared_variance(turning, share.x.g, share.b.g);
+        horizontal.aa = horizontal.aa + shared_variance(turning, share.x.a, share.b.a);
+        share = HeadingShare<S>{};
         anchor = {{NAN, NAN, NAN}, S(0), S(0)};
         rest.clear();
         rest.still = tracked = S(0);
@@ -179,18 +183,19 @@ struct Phasor {
     Complex<S> to_level(S north, S east) const { return conj(azimuth) * Complex<S>{north, east}; }
 
     // Take what a measurement found off the state.
-    void apply(const PhasorVector<S>& x, S turn, S turn_bias) {
+    void apply(const Correction<S>& c) {
         PlatformState<S>& p = platform;
+        const PhasorVector<S>& x = c.x;
         const Complex<S> nu = azimuth * x.n, theta = azimuth * x.t;
         p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, S(0)};
-        add_bias(gyro_bias, x.g, turn_bias);
+        add_bias(gyro_bias, x.g, c.bias);
         add_bias(accel_bias, x.a, S(0));
         if (tracked > S(0.5)) {
             const Complex<S> way = azimuth * x.p;
             place = levelhead::moved(place, {double(-way.re), double(-way.im), 0.0});
         }
-        p.dcm_body_to_ned = rotated_in_ned(p.dcm_body_to_ned, {-theta.re, -theta.im, -turn});
-        turn_azimuth(-turn);
+        p.dcm_body_to_ned = rotated_in_ned(p.dcm_body_to_ned, {-theta.re, -theta.im, -c.turn});
+        turn_azimuth(-c.turn);
     }
 
     Observation<S> measured(const Row<S>& row, S error, S variance) {
@@ -199,17 +204,17 @@ struct Phasor {
         return o;
     }
 
-    void take(const Row<S>& row, S error, S variance) {
-        const Observation<S> o = measured(row, error, variance);
-        apply(o.correction(), o.turn.x * error, o.turn.b * error);
-    }
+    void take(const Row<S>& row, S error, S variance) { apply(measured(row, error, variance).correction()); }
 
-    // Two components of one horizontal measurement, corrected at once; the second has been told something by the first.
-    void take(const Row<S>& first, const Row<S>& second, S error, S other_error, S variance, S other_variance) {
+    // Two components of one horizontal measurement; the second has been told something by the first.
+    Correction<S> measured(const Row<S>& first, const Row<S>& second, S error, S other_error, S variance, S other_variance) {
         const Observation<S> a = measured(first, error, variance);
         const S told = (inner(second.x, a.gain).re + second.turn * a.turn.x + second.bias * a.turn.b) * error;
-        const Observation<S> b = measured(second, other_error - told, other_variance);
-        apply(a.correction() + b.correction(), a.turn.x * a.error + b.turn.x * b.error, a.turn.b * a.error + b.turn.b * b.error);
+        return a.correction() + measured(second, other_error - told, other_variance).correction();
+    }
+
+    void take(const Row<S>& first, const Row<S>& second, S error, S other_error, S variance, S other_variance) {
+        apply(measured(first, second, error, other_error, variance, other_variance));
         // Nothing but rounding is left of a direction where both components had the same variance.
         if (!(directed > S(0.5))) direction = PhasorDirection<S>{};
     }
@@ -271,16 +276,16 @@ struct Phasor {
         propagate(turning, share, add, f, pushes, t, k.noise.gyro * t + gap_tilt, k.noise.gyro_walk);
         if (positions) add_position_noise(horizontal, k.noise, t, force);
         add_noise(horizontal, k.noise, t, force);
+        propagate(lifting, t, k.noise.accel, k.noise.accel_walk, positions);
         horizontal.tt = horizontal.tt + gap_tilt;
         horizontal.nn = horizontal.nn + gap_velocity;
+        lifting.vv = lifting.vv + gap_velocity;
         if (positions) {  // what a gap hides of the velocity has moved the position, too
             horizontal.np.re = horizontal.np.re + S(0.5) * t * gap_velocity;
             horizontal.pp = horizontal.pp + S(1.0 / 3) * t * t * gap_velocity;
             lifting.dv = lifting.dv + S(0.5) * t * gap_velocity;
             lifting.dd = lifting.dd + S(1.0 / 3) * t * t * gap_velocity;
         }
-        propagate(lifting, t, k.noise.accel, k.noise.accel_walk, positions);
-        lifting.vv = lifting.vv + gap_velocity;
         // A tick may have come at the very epoch: nothing has moved since, and the yaw rate is still what it was.
         if (t > S(0)) {
             yaw_rate = phi / t;
@@ -401,49 +406,36 @@ struct Phasor {
         surprises = minimum(surprises + S(1), S(1e5));
         surprise = surprise + (S(0.5) * norm2(z) / (plain * f) - surprise) / surprises;
 
-        PhasorVector<S> x{};
-        S turn = S(0), turn_bias = S(0);
+        Correction<S> all;
         if (directed > S(0.5)) {
             const S more = (f - S(1)) * plain;
             Row<S> north{}, east{};
             north.x.n = {S(1), S(0)};
             east.x.n = {S(0), S(1)};
-            const Observation<S> a = measured(north, z.re, r + more), b = measured(east, z.im - a.gain.n.im * z.re, r + more);
-            x = a.correction() + b.correction();
-            turn = a.turn.x * a.error + b.turn.x * b.error;
-            turn_bias = a.turn.b * a.error + b.turn.b * b.error;
+            all = measured(north, east, z.re, z.im, r + more, r + more);
         } else {
-            velocity_at_once(z, f * (horizontal.nn + r), x, turn, turn_bias);
+            all = velocity_at_once(z, f * (horizontal.nn + r));
         }
         if (steer) {
-            const S y = innovation - turn, r_doubted = r_course * f + (f - S(1)) * turning.xx;
-            Observation<S> o{};
-            o.row.turn = S(1);
-            o.turn = measure(turning, r_doubted);
-            o.gain = share.x * o.turn.x + share.b * o.turn.b;
-            o.error = y;
-            o.left = r_doubted / o.turn.variance;
+            const Observation<S> o = observe_heading(turning, share, innovation - all.turn, r_course * f + (f - S(1)) * turning.xx);
             recorder.observed(o);
-            x = x + o.correction();
-            turn = turn + o.turn.x * y;
-            turn_bias = turn_bias + o.turn.b * y;
+            all = all + o.correction();
             since_steered = S(0);
         }
         // The vertical first: it belongs to the attitude that was.
         lift({S(1), S(0), S(0)}, error.z, r_down * f + (f - S(1)) * lifting.vv);
-        apply(x, turn, turn_bias);
+        apply(all);
     }
 
     // Both components in one complex number, while nothing has a direction; `s` is the innovation variance without the pair's
-    // part. Adds to the corrections.
-    void velocity_at_once(const Complex<S>& z, S s, PhasorVector<S>& x, S& turn, S& turn_bias) {
+    // part.
+    Correction<S> velocity_at_once(const Complex<S>& z, S s) {
         const PhasorVector<S> gain = measure_velocity(horizontal, s);
         const HeadingGain<S> aside = measure_velocity(turning, share, gain, s);
         if constexpr (Recorder::listening) record_complex(gain, aside, s, z);
-        turn = inner(aside.x, z);
-        turn_bias = inner(aside.b, z);
+        const S turn = inner(aside.x, z), bias = inner(aside.b, z);
         // The five give up what the pair had put into them.
-        x = gain * z + share.x * turn + share.b * turn_bias;
+        return {gain * z + share.x * turn + share.b * bias, turn, bias};
     }
 
     // The same as the two real measurements that it is made of.

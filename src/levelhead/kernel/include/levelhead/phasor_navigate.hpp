@@ -25,7 +25,6 @@ auto travel_direction(const Filter& f) {
 template <class Filter, class S>
 void begin_position(Filter& f, const PhasorParams<S>& k, const Fix<S>& fix) {
     const Vec3<S> arm = f.platform.dcm_body_to_ned * k.platform.lever_arm;
-    if (f.tracked > S(0.5)) f.jumps = f.jumps + S(1);
     f.recorder.done(f);
     f.tracked = S(1);
     f.direct();
@@ -74,7 +73,10 @@ void observe_position(Filter& f, const PhasorParams<S>& k, const Fix<S>& fix) {
     // A clock that is off shows along the way only, and must not cost the rest its trust; an outlier shows everywhere.
     const S aside = maximum(doubted(z_across, s_across), doubted(error.z, s_down)), d = maximum(doubted(z_along, s_along), aside);
     f.implausible = d > S(jump_doubt) ? f.implausible + fix.length : S(0);
-    if (f.implausible > S(jump_time)) return begin_position(f, k, fix);
+    if (f.implausible > S(jump_time)) {
+        f.jumps = f.jumps + S(1);
+        return begin_position(f, k, fix);
+    }
     f.surprises = minimum(f.surprises + S(1), S(1e5));
     f.surprise = f.surprise + (S(0.5) * (z_along * z_along / (s_along * d) + z_across * z_across / (s_across * aside)) - f.surprise) / f.surprises;
     f.lift({S(0), S(0), S(1)}, error.z, r_lift + (aside - S(1)) * s_down);
@@ -88,9 +90,7 @@ void locate(Filter& f, const PhasorParams<S>& k, const Fix<S>& fix) {
     if (f.tracked > S(0.5) && f.platform.heading_known > S(0.5)) {
         observe_position(f, k, fix);
     } else {
-        const S jumps = f.jumps;
         begin_position(f, k, fix);
-        f.jumps = jumps;
     }
 }
 
@@ -168,7 +168,6 @@ void rest_now(Filter& f, const PhasorParams<S>& k) {
     const bool still = f.rest.still > S(0.5);
     f.rest.clear();
     if (!still) return;
-    f.rested = f.rested + time;
     const auto left = [&] { return p.dcm_body_to_ned * (mean - f.gyro_bias) - p.control_rate_ned; };
     Row<S> one{}, two{}, down{};
     one.x.n = {S(1), S(0)};

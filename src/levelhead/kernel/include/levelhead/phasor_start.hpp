@@ -111,14 +111,8 @@ constexpr double hardly_turned = 0.2, hardly_turned_cosine = 0.98;
 // The first course; `angle` is what sight() has turned the heading by.
 template <class Filter, class S>
 void take_course(Filter& f, const PhasorParams<S>& k, const Sighting<S>& e, const Fix<S>& fix, S angle) {
-    const S r = f.course_variance(k, e, fix, S(1));
-    Observation<S> o{};
-    o.row.turn = S(1);
-    o.turn = measure(f.turning, r);
-    o.error = -angle;
-    o.left = r / o.turn.variance;
-    f.recorder.observed(o);
     f.share = HeadingShare<S>{};
+    f.recorder.observed(observe_heading(f.turning, f.share, -angle, f.course_variance(k, e, fix, S(1))));
     f.since_steered = S(0);
     // Until now the Earth's horizontal rate had no direction and went into the gyro bias: as much of it as that has learnt.
     // Where the vehicle has hardly turned meanwhile the Earth can now be told apart, else the bias is that much less sure.
