@@ -21,9 +21,8 @@ import levelhead as lh
 from filters import rms
 from levelhead.analysis.montecarlo import true_params
 from levelhead.conventions import GRAVITY, FloatArray
-from levelhead.earth import radii
+from levelhead.earth import offset_ned, radii, shortest_turn
 from levelhead.estimators.params import FilterParams
-from levelhead.logs.geodesy import shortest_turn
 from levelhead.sim import SensorModel, outage_windows, without_gnss
 from real_drives import KARLSRUHE, kitti_log, rtklib_drive, with_biases
 
@@ -38,15 +37,6 @@ VARIANTS: Mapping[str, tuple[str, bool, bool]] = {
     "smoother, axle": ("smoother", True, False),
 }
 """Rows of the outage table: method, whether the axle is known not to slide, whether the wheels are read."""
-
-
-def off_ned(estimate_llh: FloatArray, truth_llh: FloatArray) -> FloatArray:
-    """Return how far places (n, 3) are from the truth, North, East, Down, m."""
-    meridian, normal = radii(truth_llh[:, 0])
-    off = estimate_llh - truth_llh
-    north = off[:, 0] * (meridian + truth_llh[:, 2])
-    east = shortest_turn(off[:, 1]) * (normal + truth_llh[:, 2]) * np.cos(truth_llh[:, 0])
-    return np.column_stack([north, east, -off[:, 2]])
 
 
 def across(off: FloatArray, heading: FloatArray) -> FloatArray:
@@ -78,7 +68,7 @@ def reference_table(seeds: int) -> None:
             def split(
                 llh: FloatArray, place: FloatArray = place, late: NDArray[np.bool_] = late, t: lh.Truth = truth
             ) -> FloatArray:
-                off = off_ned(llh, place)[late]
+                off = offset_ned(place, llh)[late]
                 ahead = off[:, 0] * np.cos(t.heading[late]) + off[:, 1] * np.sin(t.heading[late])
                 return np.column_stack([across(off, t.heading[late]), ahead, off[:, 2]])
 
@@ -90,7 +80,7 @@ def reference_table(seeds: int) -> None:
                 assert point is not None
                 assert point.position_llh is not None
                 assert point.position_std is not None
-                off = off_ned(point.position_llh, place)[late]
+                off = offset_ned(place, point.position_llh)[late]
                 ratio = np.sqrt(np.mean((off / point.position_std[late]) ** 2, axis=1))
                 rows[name].append(np.column_stack([split(point.position_llh), ratio]))
         print(f"{scenario}: roll {rms(np.concatenate(roll)):.1f} deg RMS")
@@ -115,7 +105,7 @@ def outage_rows(scenario: str, length: float, seeds: int) -> dict[str, FloatArra
             result = lh.estimate(seen, method, params=constants(method, sensors, axle=axle))
             assert result.position_llh is not None
             assert result.position_std is not None
-            off = off_ned(result.position_llh, truth.position_llh)
+            off = offset_ned(truth.position_llh, result.position_llh)
             for window in windows:
                 first, last = np.searchsorted(log.time, [window.start, window.start + length])
                 # A filter is worst at the end; a smoother knows both ends.
@@ -194,7 +184,7 @@ def kitti_table(folder: Path) -> None:
             late = log.time > 120.0
             assert result.position_llh is not None
             assert result.position_std is not None
-            off = off_ned(result.position_llh, place)[late, :2]
+            off = offset_ned(place, result.position_llh)[late, :2]
             speed = result.velocity_ned - np.column_stack([reference[f"true_vel_{axis}"] for axis in "ned"])
             turn = shortest_turn(result.heading - reference["true_heading"])[late]
             cells = []
@@ -251,7 +241,7 @@ def recorded_table(folder: Path) -> None:
         assert result.position_std is not None
         row = np.searchsorted(log.time, log.gnss_time).clip(0, log.time.size - 1)
         use = (log.gnss_time > log.time[0] + 120.0) & (log.gnss_time < log.time[-1])
-        off = off_ned(result.position_llh[row], log.position_llh)[use]
+        off = offset_ned(log.position_llh, result.position_llh[row])[use]
         # Along the way the clocks may differ by as much as the filter reckons with.
         late = lh.PhasorParams().timing_std * result.velocity_ned[row]
         sigma = np.sqrt(result.position_std[row] ** 2 + log.position_std**2 + late**2)[use]

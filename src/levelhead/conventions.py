@@ -26,6 +26,13 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 StatusArray = NDArray[np.uint32]
 
+ImuArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""IMU samples as the kernel takes them: time (n,), gyro and accel (n, 3), wheel speed (n,) or (0,)."""
+GnssArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""GNSS epochs: time (m,), velocity, its sigma, position (rad, rad, m), its sigma, each (m, 3), NaN where absent."""
+OutArrays = tuple[FloatArray | StatusArray, ...]
+"""What the kernel fills, in the order of the fields of `levelhead.estimators.streaming.Trace`."""
+
 GRAVITY: Final = 9.80665
 """Standard gravity, m/s^2, used unless a position gives the local value."""
 

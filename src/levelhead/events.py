@@ -9,7 +9,7 @@ from typing import Final
 EVENT_TEXTS: Final[dict[str, str]] = {
     "I_VELOCITY_DERIVED": "The log has positions but no velocities: velocities were derived from the positions.",
     "I_NOISE_FOUND": "The readings are noisier than by default, vibration included, and are trusted less:",
-    "W_INNOVATIONS": "The GNSS velocities differ more from what the filter expects than its noise parameters explain,",
+    "W_INNOVATIONS": "The GNSS fixes differ more from what the filter expects than its noise parameters explain,",
     "W_TRUNCATED": "A cut line at the start or the end of the file was left out.",
     "W_NO_EPOCHS": "GNSS epochs outside the span of the IMU data were not used.",
     "W_GAP": "The IMU data has gaps: no bias was learnt across them.",

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import levelhead as lh
-from levelhead.analysis.drift import Window, rotated
+from levelhead.analysis.drift import Window
 from levelhead.analysis.outages import MAX_WINDOWS, outage_test, outage_windows, without_gnss
 from levelhead.conventions import FloatArray
 from levelhead.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators import METHODS
 from levelhead.estimators.params import FilterParams, MethodParams, Triple
+from levelhead.estimators.reference import in_ned
 
 SPEED = 10.0
 LATITUDE = math.radians(48.0)
@@ -135,7 +136,9 @@ def test_without_the_lever_arm_the_antenna_is_elsewhere() -> None:
     run = outage_test(make_log(), 15.0, methods=["phasor"], run=drifting).runs[0]
     assert run.agreement is not None
     assert run.agreement.horizontal_m == pytest.approx(np.hypot(*(OFFSET - arm_ned())[:2]), abs=1e-5)
-    np.testing.assert_allclose(rotated(np.array([[ROLL, PITCH, HEADING]]), LEVER_ARM)[0], arm_ned(), atol=1e-15)
+    np.testing.assert_allclose(
+        in_ned(np.array([ROLL]), np.array([PITCH]), np.array([HEADING]), LEVER_ARM)[0], arm_ned(), atol=1e-15
+    )
 
 
 def test_between_two_samples_the_date_line_is_crossed_the_short_way() -> None:

@@ -13,7 +13,7 @@ import pytest
 import levelhead as lh
 from levelhead.analysis.montecarlo import true_params
 from levelhead.conventions import GRAVITY, FloatArray
-from levelhead.earth import radii
+from levelhead.earth import offset_ned
 from levelhead.errors import UsageError
 from levelhead.estimators.params import FilterParams
 from levelhead.sim import SensorModel, outage_windows, without_gnss
@@ -32,9 +32,7 @@ def constants(method: str, sensors: SensorModel, **changes: object) -> FilterPar
 def off_ned(estimate_llh: FloatArray | None, truth_llh: FloatArray) -> FloatArray:
     """How far places (n, 3) are from the truth, North, East, Down, m."""
     assert estimate_llh is not None
-    meridian, normal = radii(truth_llh[:, 0])
-    off = estimate_llh - truth_llh
-    return np.column_stack([off[:, 0] * meridian, off[:, 1] * normal * np.cos(truth_llh[:, 0]), -off[:, 2]])
+    return offset_ned(truth_llh, estimate_llh)
 
 
 def rms(values: FloatArray) -> float:

@@ -10,9 +10,10 @@ import numpy as np
 
 from levelhead.analysis.metrics import json_number, rms
 from levelhead.conventions import FloatArray
+from levelhead.earth import offset_ned, shortest_turn, steps_ned
 from levelhead.estimators.base import Result
-from levelhead.estimators.params import MethodParams, Triple
-from levelhead.logs.geodesy import shortest_turn, steps_ned
+from levelhead.estimators.params import MethodParams
+from levelhead.estimators.reference import in_ned
 from levelhead.logs.log import Log
 
 
@@ -123,9 +124,9 @@ def errors_of(log: Log, result: Result, constants: MethodParams) -> Errors | Non
     time, fix = log.gnss_time[there], llh[there]
     euler = np.column_stack((result.roll, result.pitch, result.heading))
     imu = _between(result.time, result.position_llh, time, angles=(0, 1))
-    arm = rotated(_between(result.time, euler, time, angles=(0, 1, 2)), constants.lever_arm)
-    # Pairs of fix and estimate in one row: every second step is from a fix to its estimate.
-    ned = steps_ned(np.stack((fix, imu), axis=1).reshape(-1, 3))[::2] + arm
+    roll, pitch, heading = _between(result.time, euler, time, angles=(0, 1, 2)).T
+    arm = in_ned(roll, pitch, heading, constants.lever_arm)
+    ned = offset_ned(fix, imu) + arm
     own = _fix_std(log, constants)[there]
     # Where the clocks differ, the antenna has moved on meanwhile.
     late = getattr(constants, "timing_std", 0.0) * _between(result.time, result.velocity_ned, time)
@@ -151,14 +152,6 @@ def _fix_std(log: Log, constants: MethodParams) -> FloatArray:
     else:
         std = log.position_std if log.position_std.ndim == 2 else log.position_std[:, None]
     return np.nan_to_num(np.broadcast_to(std, (log.gnss_time.size, 3)), nan=0.0)
-
-
-def rotated(euler: FloatArray, vector: Triple) -> FloatArray:
-    """Return a body vector in NED at each roll, pitch, heading (k, 3), rad; shape (k, 3)."""
-    (sr, sp, sh), (cr, cp, ch) = np.sin(euler).T, np.cos(euler).T
-    x, y, z = vector
-    forward, across, down = cp * x + sp * (sr * y + cr * z), cr * y - sr * z, cp * (sr * y + cr * z) - sp * x
-    return np.column_stack((ch * forward - sh * across, sh * forward + ch * across, down))
 
 
 def drift_of(log: Log, window: Window, errors: Errors) -> Drift:

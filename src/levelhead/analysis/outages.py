@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from levelhead.analysis.drift import Agreement, Drift, Window, agreement_of, drift_of, errors_of
 from levelhead.analysis.estimation import estimate
@@ -25,6 +24,7 @@ from levelhead.estimators.params import MethodParams, Triple
 from levelhead.estimators.streaming import Progress
 from levelhead.logs.derive import MAX_STEP_S
 from levelhead.logs.log import Log
+from levelhead.sim import outages
 
 Runner = Callable[[Log, str, MethodParams], Result]
 """Runs a method over a log, as `estimate` does."""
@@ -150,25 +150,7 @@ def _covered(times: FloatArray, start: float, stop: float) -> bool:
 
 def without_gnss(log: Log, windows: Sequence[Window]) -> Log:
     """Return the log without the GNSS epochs in the windows, velocities and positions; the meta data tell."""
-    keep = ~np.any([_inside(log, window) for window in windows], axis=0)
-
-    def pick(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else values[keep]
-
-    return replace(
-        log,
-        gnss_time=log.gnss_time[keep],
-        velocity_ned=pick(log.velocity_ned),
-        velocity_std=pick(log.velocity_std),
-        position_llh=pick(log.position_llh),
-        position_std=pick(log.position_std),
-        meta={**log.meta, "outages_made": [(window.start_s, window.end_s) for window in windows]},
-    )
-
-
-def _inside(log: Log, window: Window) -> NDArray[np.bool_]:
-    inside: NDArray[np.bool_] = (log.gnss_time >= window.start_s) & (log.gnss_time < window.end_s)
-    return inside
+    return outages.without_gnss(log, [(window.start_s, window.end_s - window.start_s) for window in windows])
 
 
 def check_length(length: float) -> None:

@@ -50,7 +50,7 @@ def finish_filtered(
 ) -> Result:
     """Turn a run of a filter with a covariance into a `Result`: what is known in the end is what its sigma says.
 
-    Where the GNSS velocities surprised the filter more than its noise parameters explain (`innovation_ratio`, RMS over
+    Where the GNSS fixes surprised the filter more than its noise parameters explain (`innovation_ratio`, RMS over
     predicted sigma), every sigma is as many times larger: something is at work that the parameters do not know.
     """
     if innovation_ratio > CHANCE:

@@ -98,9 +98,9 @@ class MethodParams:
                 raise UsageError(f"{field.name} is {value!r}; it {allowed}.")
 
     @classmethod
-    def preset(cls, name: str, **changes: Any) -> Self:
-        """Return the constants for a grade of sensors: "consumer", "industrial", "tactical"; `changes` go on top."""
-        raise UsageError(f"{cls.__name__} has no grade {name!r}; give {', '.join(changes) or 'its constants'} by name.")
+    def preset(cls, name: str) -> Self:
+        """Return the constants for a grade of sensors, "consumer", "industrial" or "tactical", where it has any."""
+        raise UsageError(f"{cls.__name__} knows no grades of sensors such as {name!r}; pass its constants instead.")
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

@@ -16,19 +16,22 @@ from levelhead.errors import UsageError
 from levelhead.estimators.base import ReferencePoint, Result, SensorData
 from levelhead.estimators.params import Triple, lever
 
+Vector = Triple | FloatArray
+"""Three components: numbers, or rows (3, n)."""
 
-def levelled(result: Result, x: FloatArray | float, y: FloatArray | float, z: FloatArray | float) -> FloatArray:
+
+def levelled(roll: FloatArray, pitch: FloatArray, body: Vector) -> FloatArray:
     """Turn a body vector by roll and pitch: its components ahead, to the right and down (3, n), in the level frame."""
-    sin_roll, cos_roll = np.sin(result.roll), np.cos(result.roll)
-    sin_pitch, cos_pitch = np.sin(result.pitch), np.cos(result.pitch)
+    sin_roll, cos_roll, sin_pitch, cos_pitch = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
+    x, y, z = body
     right, down = y * cos_roll - z * sin_roll, y * sin_roll + z * cos_roll
     turned: FloatArray = np.stack([x * cos_pitch + down * sin_pitch, right, down * cos_pitch - x * sin_pitch])
     return turned
 
 
-def in_ned(result: Result, level: FloatArray) -> FloatArray:
-    """Turn a level vector (3, n) by the heading: North, East, Down (n, 3)."""
-    sine, cosine = np.sin(result.heading), np.cos(result.heading)
+def in_ned(roll: FloatArray, pitch: FloatArray, heading: FloatArray, body: Vector) -> FloatArray:
+    """Turn a body vector into the navigation frame: North, East, Down (n, 3)."""
+    level, sine, cosine = levelled(roll, pitch, body), np.sin(heading), np.cos(heading)
     ned: FloatArray = np.stack(
         [level[0] * cosine - level[1] * sine, level[0] * sine + level[1] * cosine, level[2]], axis=1
     )
@@ -73,10 +76,10 @@ def with_reference(result: Result, data: SensorData, point: Triple, lever_arm: T
             "'phasor'."
         )
     tilt, heading = result.attitude_std[:, 1], result.attitude_std[:, 2]
-    place = in_ned(result, levelled(result, *arm))
+    place = in_ned(result.roll, result.pitch, result.heading, arm)
     rate = data.gyro - result.gyro_bias
     swing = np.cross(rate, np.array(arm))
-    moving = in_ned(result, levelled(result, *swing.T))
+    moving = in_ned(result.roll, result.pitch, result.heading, swing.T)
     # What the gyro bias leaves unsure of the swing is the same in all directions, within the arm's length.
     drift = np.linalg.norm(arm) * np.nanmax(result.gyro_bias_std, axis=1)
     own = np.sqrt(result.velocity_std**2 + drift[:, None] ** 2)
@@ -85,7 +88,7 @@ def with_reference(result: Result, data: SensorData, point: Triple, lever_arm: T
         position = shifted(result.position_llh, place)
         position_std = _spread(result.position_std, place, tilt, heading)
     from_antenna = np.array(arm) - np.array(lever_arm)
-    _, right, down = levelled(result, *from_antenna)
+    _, right, down = levelled(result.roll, result.pitch, from_antenna)
     found = ReferencePoint(
         point=arm,
         position_llh=position,

@@ -8,7 +8,7 @@ from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
-from levelhead.conventions import FloatArray, StatusArray
+from levelhead.conventions import FloatArray, GnssArrays, ImuArrays, OutArrays, StatusArray
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators.base import Result, SensorData, Status
 from levelhead.estimators.params import MethodParams
@@ -29,13 +29,6 @@ from levelhead.estimators.uncertainty import EpochRecorder, Sigma
 from levelhead.events import Event
 
 Progress = Callable[[float], None]
-
-ImuArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-"""Time (n,), gyro and accel (n, 3), wheel speed (n,) or (0,)."""
-GnssArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-"""Time (m,), velocity, its sigma, position (rad, rad, m), its sigma, each (m, 3), NaN where absent."""
-OutArrays = tuple[FloatArray | StatusArray, ...]
-"""What the kernel fills, in the order of the fields of `Trace`."""
 
 CHUNK: Final = 50_000
 """Samples fed to the kernel between two reports of progress."""

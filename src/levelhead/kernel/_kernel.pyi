@@ -4,16 +4,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from levelhead.conventions import FloatArray, StatusArray
+from levelhead.conventions import FloatArray, GnssArrays, ImuArrays, OutArrays
 
 DEFAULT_GRAVITY: float
-
-# Time, gyro, accel, wheel speed; time, velocity, its sigma, position, its sigma; and what is filled, one row per IMU
-# sample: gyro bias, accel bias, attitude, velocity, status, sigma of the first three and of the velocity, position,
-# its sigma.
-ImuArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-GnssArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-OutArrays = tuple[FloatArray | StatusArray, ...]
 
 _Vector = Sequence[float] | NDArray[np.floating]
 

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from levelhead.conventions import FloatArray
+from levelhead.earth import shortest_turn, steps_ned
 from levelhead.errors import LogError
 from levelhead.events import Event
-from levelhead.logs.geodesy import shortest_turn, steps_ned
 from levelhead.logs.log import Log
 
 MAX_STEP_S: Final = 5.0

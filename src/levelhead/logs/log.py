@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from levelhead.conventions import FloatArray
+from levelhead.earth import steps_ned
 from levelhead.errors import LogError
 from levelhead.estimators.base import Result
 from levelhead.events import Event
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, WGS84, declared
-from levelhead.logs.geodesy import steps_ned
 
 MAX_DISTANCE_GAP_S: Final = 2.0
 """Time between GNSS epochs over which the driven distance is not counted, s."""
