@@ -46,7 +46,9 @@ template <class S>
 PhasorParams<S> phasor() {
     const S degree = S(pi / 180);
     const PhasorNoise<S> noise = {S(0.5) * S(0.01) * degree * S(0.01) * degree, S(1e-4), S(4e-12), S(4e-8)};
-    return {platform<S>(), noise, S(0.03), S(0.5) * degree, S(0.5), S(0.5) * degree, S(0.3), S(0.8), S(0)};
+    PhasorParams<S> k{platform<S>(), noise, S(0.03), S(0.5) * degree, S(0.5), S(0.5) * degree, S(0.3), S(0.8), S(0)};
+    k.feel_earth = k.find_rest = true;  // as by default from Python
+    return k;
 }
 
 template <class S>

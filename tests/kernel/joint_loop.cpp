@@ -79,7 +79,7 @@ int main() {
             add_seen(r.covariance, v, variance);
             add_seen(r.direction, v, variance);
         };
-        propagate(r.turning, r.share, add, f, push, t, heading_noise * t, 0.0);
+        propagate(r.turning, r.share, add, f, push, true, t, heading_noise * t, 0.0);
         PhasorCovariance<S> q{};
         add_noise(q, noise, t, g);
         add_position_noise(q, noise, t, g);

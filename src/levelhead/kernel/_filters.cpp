@@ -28,7 +28,7 @@ void bind_phasor(nb::module_& m, const char* name) {
                 const PhasorParams<S> k = {platform_params<S>(1.0, 1.0, min_course_speed, gravity, lever_arm), noise, S(velocity_std),
                                            S(sideslip_std), S(axle_std), S(initial_gyro_bias_std), S(initial_accel_bias_std),
                                            number_or_nan<S>(latitude), S(gravity_std), S(position_std), S(timing_std), S(wheel_std),
-                                           axle, number_or_nan<S>(heading), S(heading_std), !rear_axle.is_none(), earth_rotation,
+                                           axle, heading.is_none() ? S(0) : S(nb::cast<double>(heading)), heading.is_none() ? S(0) : S(heading_std), !rear_axle.is_none(), earth_rotation,
                                            find_standstill};
                 new (self) St(St::make(k, vec3<S>(gyro_bias, "gyro_bias"), vec3<S>(accel_bias, "accel_bias")));
             },

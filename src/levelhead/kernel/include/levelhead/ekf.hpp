@@ -107,7 +107,7 @@ struct Ekf {
         add_diagonal(ekf_velocity, hidden.velocity);
     }
 
-    void tick(const Params&) {}
+    bool tick(const Params&) { return false; }
 
     // A Kalman filter can use any interval; levelling averages over one and cannot.
     double longest(const Params&) const { return platform.aligned > S(0.5) ? 1e9 : max_interval; }

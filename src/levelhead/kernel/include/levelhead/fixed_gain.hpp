@@ -28,7 +28,7 @@ struct FixedGain {
     void bridged(S, const Vec3<S>&, const Vec3<S>&) {}
 
     template <class Params>
-    void tick(const Params&) {}
+    bool tick(const Params&) { return false; }
 
     // An interval much longer than tau says little about the attitude at its end, and the loop turns unstable.
     template <class Params>

@@ -14,15 +14,27 @@ struct Row {
     S turn, bias;
 };
 
+// Vertical velocity v, accelerometer bias b and, where positions are used, position d; all down.
+template <class S>
+struct LiftVector {
+    S v, b, d;
+};
+
+template <class S>
+LiftVector<S> operator+(const LiftVector<S>& x, const LiftVector<S>& y) { return {x.v + y.v, x.b + y.b, x.d + y.d}; }
+
 // What is to be taken off the joint errors.
 template <class S>
 struct Correction {
     PhasorVector<S> x;
     S turn, bias;
+    LiftVector<S> lift;
 };
 
 template <class S>
-Correction<S> operator+(const Correction<S>& a, const Correction<S>& b) { return {a.x + b.x, a.turn + b.turn, a.bias + b.bias}; }
+Correction<S> operator+(const Correction<S>& a, const Correction<S>& b) {
+    return {a.x + b.x, a.turn + b.turn, a.bias + b.bias, a.lift + b.lift};
+}
 
 // What one measurement did: `gain` and `turn` times `error` was taken off the joint errors.
 template <class S>
@@ -33,7 +45,7 @@ struct Observation {
     S error;
     S left;  // 1 less what the row sees of the gain, without cancellation
 
-    Correction<S> correction() const { return {gain * error, turn.x * error, turn.b * error}; }
+    Correction<S> correction() const { return {gain * error, turn.x * error, turn.b * error, {}}; }
 };
 
 // P <- P - k k^H / 2s, C <- C - k k^T / 2s: k is the covariance with the real number measured, s its variance.
@@ -79,12 +91,6 @@ S expected(const PhasorCovariance<S>& p, const PhasorDirection<S>& c, const Pair
     return variance + inner(row.x, against(p, c, row.x)).re + hx * (pair.xx * hx + pair.xb * hb) + hb * (pair.xb * hx + pair.bb * hb);
 }
 
-// Vertical velocity v, accelerometer bias b and, where positions are used, position d; all down.
-template <class S>
-struct LiftVector {
-    S v, b, d;
-};
-
 template <class S>
 struct LiftCovariance {
     S vv, vb, bb, dd, dv, db;
@@ -126,19 +132,32 @@ template <class S>
 struct LiftObservation {
     LiftVector<S> row, gain;
     S variance, error;  // of the innovation; estimate less truth
+
+    Correction<S> correction() const { return {{}, S(0), S(0), {gain.v * error, gain.b * error, gain.d * error}}; }
 };
 
+// One measurement of the state whose column of the covariance is k and whose variance is in it: `row` has a one there.
 template <class S>
-LiftObservation<S> observe(LiftCovariance<S>& p, const LiftVector<S>& row, S error, S variance) {
-    const LiftVector<S> k = times(p, row);
-    const S s = inner(row, k) + variance, w = S(1) / s;
-    p.vv = p.vv - k.v * k.v * w;
-    p.vb = p.vb - k.v * k.b * w;
-    p.bb = p.bb - k.b * k.b * w;
-    p.dd = p.dd - k.d * k.d * w;
-    p.dv = p.dv - k.d * k.v * w;
-    p.db = p.db - k.d * k.b * w;
-    return {row, {k.v * w, k.b * w, k.d * w}, s, error};
+LiftObservation<S> observe(LiftCovariance<S>& p, const LiftVector<S>& row, const LiftVector<S>& k, S own, S error, S variance) {
+    const S s = own + variance, w = S(1) / s;
+    const LiftVector<S> gain = {k.v * w, k.b * w, k.d * w};
+    p.vv = p.vv - k.v * gain.v;
+    p.vb = p.vb - k.v * gain.b;
+    p.bb = p.bb - k.b * gain.b;
+    p.dd = p.dd - k.d * gain.d;
+    p.dv = p.dv - k.d * gain.v;
+    p.db = p.db - k.d * gain.b;
+    return {row, gain, s, error};
+}
+
+template <class S>
+LiftObservation<S> observe_velocity(LiftCovariance<S>& p, S error, S variance) {
+    return observe(p, {S(1), S(0), S(0)}, LiftVector<S>{p.vv, p.vb, p.dv}, p.vv, error, variance);
+}
+
+template <class S>
+LiftObservation<S> observe_position(LiftCovariance<S>& p, S error, S variance) {
+    return observe(p, {S(0), S(0), S(1)}, LiftVector<S>{p.dv, p.db, p.dd}, p.dd, error, variance);
 }
 
 }  // namespace levelhead

@@ -114,18 +114,18 @@ struct Phasor {
         const Vec3<S> before = platform.delta_velocity, w = gyro - gyro_bias, f = accel - accel_bias;
         advance(platform, dt, w, f, platform.dcm_body_to_ned.z);
         if (tracked > S(0.5)) shift = shift + (before + platform.delta_velocity) * (S(0.5) * dt);
-        if (k.find_rest) rest.add(gyro, f, dt);
+        if (k.find_rest && !(rest.paused > S(0.5))) rest.add(gyro, f, dt);
         if (!(platform.aligned > S(0.5))) anchor.age = anchor.age + dt;
         elapsed = elapsed + dt;
     }
 
-    // Within a long interval, or a sharp turn, the covariance moves without waiting for the epoch.
-    LEVELHEAD_HOT void tick(const Params& k) {
-        if ((elapsed >= S(longest_step) || absolute(platform.turn) > S(largest_turn)) && platform.aligned > S(0.5)) {
-            move(k);
-            aid(k, k.constrained, false);
-            recorder.done(*this);
-        }
+    // Within a long interval, or a sharp turn, the covariance moves without waiting for the epoch: true where it has.
+    LEVELHEAD_HOT bool tick(const Params& k) {
+        if (!((elapsed >= S(longest_step) || absolute(platform.turn) > S(largest_turn)) && platform.aligned > S(0.5))) return false;
+        move(k);
+        aid(k, k.constrained, false);
+        recorder.done(*this);
+        return true;
     }
 
     double longest(const Params&) const { return max_interval; }
@@ -187,12 +187,12 @@ struct Phasor {
         PlatformState<S>& p = platform;
         const PhasorVector<S>& x = c.x;
         const Complex<S> nu = azimuth * x.n, theta = azimuth * x.t;
-        p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, S(0)};
+        p.velocity_ned = p.velocity_ned - Vec3<S>{nu.re, nu.im, c.lift.v};
         add_bias(gyro_bias, x.g, c.bias);
-        add_bias(accel_bias, x.a, S(0));
+        add_bias(accel_bias, x.a, c.lift.b);
         if (tracked > S(0.5)) {
             const Complex<S> way = azimuth * x.p;
-            place = levelhead::moved(place, {double(-way.re), double(-way.im), 0.0});
+            place = levelhead::moved(place, {double(-way.re), double(-way.im), double(-c.lift.d)});
         }
         p.dcm_body_to_ned = rotated_in_ned(p.dcm_body_to_ned, {-theta.re, -theta.im, -c.turn});
         turn_azimuth(-c.turn);
@@ -213,20 +213,27 @@ struct Phasor {
         return a.correction() + measured(second, other_error - told, other_variance).correction();
     }
 
+    // ... and what was measured of the vertical beside them.
+    void take(const Row<S>& first, const Row<S>& second, S error, S other_error, S variance, S other_variance, const LiftObservation<S>& o) {
+        apply(measured(first, second, error, other_error, variance, other_variance) + lifted(o));
+        forget_rounding();
+    }
+
     void take(const Row<S>& first, const Row<S>& second, S error, S other_error, S variance, S other_variance) {
         apply(measured(first, second, error, other_error, variance, other_variance));
+        forget_rounding();
+    }
+
+    void forget_rounding() {
         // Nothing but rounding is left of a direction where both components had the same variance.
         if (!(directed > S(0.5))) direction = PhasorDirection<S>{};
     }
 
     S spread(const Row<S>& row, S variance) const { return expected(horizontal, direction, turning, share, row, variance); }
 
-    void lift(const LiftVector<S>& row, S error, S variance) {
-        const LiftObservation<S> o = levelhead::observe(lifting, row, error, variance);
+    Correction<S> lifted(const LiftObservation<S>& o) {
         recorder.lifted(o);
-        platform.velocity_ned.z = platform.velocity_ned.z - o.gain.v * error;
-        add_bias(accel_bias, {S(0), S(0)}, o.gain.b * error);
-        if (tracked > S(0.5)) place = levelhead::moved(place, {0.0, 0.0, double(-o.gain.d * error)});
+        return o.correction();
     }
 
     // From here on what has a direction is told apart.
@@ -270,10 +277,10 @@ struct Phasor {
         if (p.heading_known > S(0.5)) push = times_i(to_level(dv.x, dv.y));
         const HeadingShare<S> pushes = pushed(push, t, positions);
         const auto add = [&](const PhasorVector<S>& v, S variance) {
-            add_seen(horizontal, v, variance);
-            if (both) add_seen(direction, v, variance);
+            add_seen(horizontal, v, variance, positions);
+            if (both) add_seen(direction, v, variance, positions);
         };
-        propagate(turning, share, add, f, pushes, t, k.noise.gyro * t + gap_tilt, k.noise.gyro_walk);
+        propagate(turning, share, add, f, pushes, positions, t, k.noise.gyro * t + gap_tilt, k.noise.gyro_walk);
         if (positions) add_position_noise(horizontal, k.noise, t, force);
         add_noise(horizontal, k.noise, t, force);
         propagate(lifting, t, k.noise.accel, k.noise.accel_walk, positions);
@@ -293,6 +300,7 @@ struct Phasor {
         }
         since_steered = minimum(since_steered + t, S(1e9));
         since_constrained = minimum(since_constrained + t, S(1e9));
+        rest.wait(p.velocity_ned.x * p.velocity_ned.x + p.velocity_ned.y * p.velocity_ned.y, t);
         anchor.age = anchor.age + t;
         anchor.turn = anchor.turn + phi;
         recorder.moved(*this, f, pushes, t, S(1), LiftStep<S>{t, S(1), positions ? S(1) : S(0)});
@@ -327,9 +335,7 @@ struct Phasor {
     // ---- what an epoch with a velocity does ----
 
     void meet(const Params& k, const Fix<S>& fix, Interval<S>& out) {
-        // The level frame's x axis, seen from the body: it stays there while the platform is turned to the first course.
-        const Vec3<S> axis = transposed_times(platform.dcm_body_to_ned, {azimuth.re, azimuth.im, S(0)});
-        const S heading_before = heading(platform.dcm_body_to_ned);
+        const Dcm<S> before = platform.dcm_body_to_ned;
         PlatformParams<S> here = k.platform;
         here.gravity = gravity;
         const Sighting<S> e = sight(platform, here, fix);
@@ -337,8 +343,10 @@ struct Phasor {
         if (k.find_rest) rest.see(e.velocity, square_root(velocity_variance(k, horizontal_std(fix.std))));
         if (e.was_aligned) {
             if (e.turned_now) {
+                // The level frame's x axis stays where it was in the body while the platform is turned to the first course.
+                const Vec3<S> axis = transposed_times(before, {azimuth.re, azimuth.im, S(0)});
                 azimuth = {dot(platform.dcm_body_to_ned.x, axis), dot(platform.dcm_body_to_ned.y, axis)};
-                take_course(*this, k, e, fix, wrap_angle(heading(platform.dcm_body_to_ned) - heading_before));
+                take_course(*this, k, e, fix, wrap_angle(heading(platform.dcm_body_to_ned) - heading(before)));
             }
             // Without a heading the accelerations of a moving vehicle have no direction: take the velocity, learn nothing.
             if (e.knew_heading || e.at_rest) {
@@ -422,9 +430,7 @@ struct Phasor {
             all = all + o.correction();
             since_steered = S(0);
         }
-        // The vertical first: it belongs to the attitude that was.
-        lift({S(1), S(0), S(0)}, error.z, r_down * f + (f - S(1)) * lifting.vv);
-        apply(all);
+        apply(all + lifted(observe_velocity(lifting, error.z, r_down * f + (f - S(1)) * lifting.vv)));
     }
 
     // Both components in one complex number, while nothing has a direction; `s` is the innovation variance without the pair's
@@ -435,7 +441,7 @@ struct Phasor {
         if constexpr (Recorder::listening) record_complex(gain, aside, s, z);
         const S turn = inner(aside.x, z), bias = inner(aside.b, z);
         // The five give up what the pair had put into them.
-        return {gain * z + share.x * turn + share.b * bias, turn, bias};
+        return {gain * z + share.x * turn + share.b * bias, turn, bias, {}};
     }
 
     // The same as the two real measurements that it is made of.

@@ -206,8 +206,13 @@ PhasorVector<S> operator*(const PhasorVector<S>& x, const Complex<S>& z) {
 
 template <class S>
 PhasorVector<S> operator*(const Transition<S>& f, const PhasorVector<S>& x) {
-    return {f.nn * x.n + f.nt * x.t + f.ng * x.g + f.na * x.a, f.tt * x.t + f.tg * x.g + f.ta * x.a, x.g, x.a,
-            f.pp * x.p + f.pn * x.n + f.pt * x.t + f.pg * x.g + f.pa * x.a};
+    return {f.nn * x.n + f.nt * x.t + f.ng * x.g + f.na * x.a, f.tt * x.t + f.tg * x.g + f.ta * x.a, x.g, x.a, {S(0), S(0)}};
+}
+
+// The position's part of it.
+template <class S>
+Complex<S> moved_position(const Transition<S>& f, const PhasorVector<S>& x) {
+    return f.pp * x.p + f.pn * x.n + f.pt * x.t + f.pg * x.g + f.pa * x.a;
 }
 
 // x^H y.
@@ -267,20 +272,21 @@ PairGain<S> measure(PairCovariance<S>& p, S variance) {
 // What a real number of this variance, seen through v, adds: to P alone (the part that is the same for all directions), or to
 // P and C, which is all of it.
 template <class S, class Kind>
-void add_seen(PhasorMoments<S, Kind>& p, const PhasorVector<S>& v, S variance) {
+void add_seen(PhasorMoments<S, Kind>& p, const PhasorVector<S>& v, S variance, bool position = true) {
     const PhasorVector<S> w = v * (S(0.5) * variance);
     const auto flip = [](const Complex<S>& z) { return Kind::flip(z); };
     p.nn = p.nn + Kind::diagonal(w.n, v.n);
     p.tt = p.tt + Kind::diagonal(w.t, v.t);
     p.gg = p.gg + Kind::diagonal(w.g, v.g);
     p.aa = p.aa + Kind::diagonal(w.a, v.a);
-    p.pp = p.pp + Kind::diagonal(w.p, v.p);
     p.nt = p.nt + w.n * flip(v.t);
     p.ng = p.ng + w.n * flip(v.g);
     p.na = p.na + w.n * flip(v.a);
     p.tg = p.tg + w.t * flip(v.g);
     p.ta = p.ta + w.t * flip(v.a);
     p.ga = p.ga + w.g * flip(v.a);
+    if (!position) return;
+    p.pp = p.pp + Kind::diagonal(w.p, v.p);
     p.np = p.np + w.n * flip(v.p);
     p.tp = p.tp + w.t * flip(v.p);
     p.gp = p.gp + w.g * flip(v.p);
@@ -331,10 +337,17 @@ HeadingShare<S> pushed(const Complex<S>& push, S length, bool position) {
 // puts the moments of what is seen through v to those of the five.
 template <class S, class Add>
 void propagate(PairCovariance<S>& pair, HeadingShare<S>& share, Add add, const Transition<S>& f, const HeadingShare<S>& push,
-               S length, S noise, S walk) {
-    share.x = f * share.x + push.x;
+               bool position, S length, S noise, S walk) {
+    HeadingShare<S> old = share;
+    share.x = f * old.x;
+    share.b = f * old.b;
+    if (position) {
+        share.x.p = moved_position(f, old.x);
+        share.b.p = moved_position(f, old.b);
+    }
+    share.x = share.x + push.x;
     // In terms of the new heading the old one is less by what the bias has turned it.
-    share.b = f * share.b + share.x * -length + push.b;
+    share.b = share.b + share.x * -length + push.b;
     propagate(pair, length);
     pair.xx = pair.xx + noise;
     take_news(share.x, share.b, add, noise, pair.xx - pair.xb * pair.xb / pair.bb, pair.xb / pair.bb);

@@ -79,8 +79,8 @@ void observe_position(Filter& f, const PhasorParams<S>& k, const Fix<S>& fix) {
     }
     f.surprises = minimum(f.surprises + S(1), S(1e5));
     f.surprise = f.surprise + (S(0.5) * (z_along * z_along / (s_along * d) + z_across * z_across / (s_across * aside)) - f.surprise) / f.surprises;
-    f.lift({S(0), S(0), S(1)}, error.z, r_lift + (aside - S(1)) * s_down);
-    f.take(along, across, z_along, z_across, r_along + (d - S(1)) * s_along, r + (aside - S(1)) * s_across);
+    f.take(along, across, z_along, z_across, r_along + (d - S(1)) * s_along, r + (aside - S(1)) * s_across,
+           observe_position(f.lifting, error.z, r_lift + (aside - S(1)) * s_down));
 }
 
 template <class Filter, class S>
@@ -111,7 +111,7 @@ void follow_slope(Filter& f, const PhasorParams<S>& k, const Vec3<S>& v, bool gn
     }
     const S down = dot(p.dcm_body_to_ned.z, f.travel), own = f.horizontal.nn * down * down;
     const S r = (level2 * (tilt + f.travel_var + sag)) * looks + own, error = v.z - speed * down;
-    f.lift({S(1), S(0), S(0)}, error, r + (doubted(error, f.lifting.vv + r) - S(1)) * (f.lifting.vv + r));
+    f.apply(f.lifted(observe_velocity(f.lifting, error, r + (doubted(error, f.lifting.vv + r) - S(1)) * (f.lifting.vv + r))));
 }
 
 // The axle that does not steer rolls where it points: its sideways velocity, v sin(course - heading), is none.
@@ -166,7 +166,7 @@ void rest_now(Filter& f, const PhasorParams<S>& k) {
     f.rest.judge(f.gyro_bias, square_root(f.horizontal.gg + f.turning.bb), v.x * v.x + v.y * v.y, f.horizontal.nn);
     const S time = f.rest.time;
     const bool still = f.rest.still > S(0.5);
-    f.rest.clear();
+    f.rest.next(v.x * v.x + v.y * v.y);
     if (!still) return;
     const auto left = [&] { return p.dcm_body_to_ned * (mean - f.gyro_bias) - p.control_rate_ned; };
     Row<S> one{}, two{}, down{};
@@ -174,8 +174,7 @@ void rest_now(Filter& f, const PhasorParams<S>& k) {
     two.x.n = {S(0), S(1)};
     const Complex<S> z = f.to_level(v.x, v.y);
     const S none = S(rest_velocity_std * rest_velocity_std), slow = none * doubted(square_root(norm2(z)), f.spread(one, none));
-    f.take(one, two, z.re, z.im, slow, slow);
-    f.lift({S(1), S(0), S(0)}, p.velocity_ned.z, none);
+    f.take(one, two, z.re, z.im, slow, slow, observe_velocity(f.lifting, v.z, none));
     one = two = Row<S>{};
     one.x.g = {S(1), S(0)};
     two.x.g = {S(0), S(1)};

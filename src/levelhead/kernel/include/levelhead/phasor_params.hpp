@@ -21,7 +21,7 @@ struct PhasorParams {
     S timing_std;                  // of the stamps of fixes against the IMU's: a position is off by so much way, s
     S wheel_std;                   // of one wheel speed, m/s
     Vec3<S> rear_axle;             // from the IMU to the axle that does not steer, body axes, m
-    S heading, heading_std;        // known before the drive, rad; NaN: not
+    S heading, heading_std;        // known before the drive, rad; a sigma of 0: not known
     bool constrained;              // that axle does not slide, with or without GNSS
     bool feel_earth;               // the Earth turns, and gravity is the place's
     bool find_rest;                // look for standstill

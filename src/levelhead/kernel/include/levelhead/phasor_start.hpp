@@ -12,7 +12,7 @@ namespace levelhead {
 template <class Filter, class S>
 bool known_heading(Filter& f, const PhasorParams<S>& k, const Sighting<S>& e) {
     PlatformState<S>& p = f.platform;
-    const bool use = !e.trusted && !(f.started > S(0.5)) && k.heading == k.heading;
+    const bool use = !e.trusted && !(f.started > S(0.5)) && k.heading_std > S(0);
     f.started = S(1);
     if (!use) return false;
     p.dcm_body_to_ned = turned_about_vertical(p.dcm_body_to_ned, wrap_angle(k.heading - heading(p.dcm_body_to_ned)));

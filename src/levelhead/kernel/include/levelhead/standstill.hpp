@@ -14,6 +14,8 @@ constexpr double rest_peak = 0.15;      // no single one may be faster than this
 constexpr double rest_rate = 3e-3;      // mean angular rate: a tenth of the slowest headland turn, rad/s
 constexpr double rest_distance = 4.0;   // unrest in motion over unrest at rest (both squared) that tells them apart
 constexpr double rest_memory = 0.1;     // how fast these two follow, per second
+constexpr double rest_near = 2.0;           // faster than this the vehicle cannot stand within a second, m/s:
+constexpr double rest_pause = 7.0;          // then one second in eight shows the sensors' unrest in motion, s
 constexpr double rest_velocity_std = 0.02;  // what "at rest" says of the velocity, m/s
 
 // Mean and mean square of one kind of reading over the window, and what the latter was at rest and in motion.
@@ -51,6 +53,7 @@ struct Standstill {
     Vec3<S> velocity;       // sum over the fixes
     S fixes, fastest2, variance;  // how many, the largest squared speed, the sum of their variances per axis
     S still;                // 1: the last window was at rest
+    S paused, pause;        // 1: nothing is looked at; for how long, s
 
     // The gyros' own readings: the bias that is known of them may change within the window.
     LEVELHEAD_HOT void add(const Vec3<S>& gyro, const Vec3<S>& f, S dt) {
@@ -89,6 +92,22 @@ struct Standstill {
         }
         const bool slow = speed2 < S(0.1) + S(18) * speed_var;
         still = slow && quiet && !turning ? S(1) : S(0);
+    }
+
+    // The window is over; the next one begins at once, or later where the vehicle is fast.
+    void next(S speed2) {
+        clear();
+        paused = still < S(0.5) && speed2 > S(rest_near * rest_near) ? S(1) : S(0);
+        pause = S(0);
+    }
+
+    // While nothing is looked at.
+    void wait(S speed2, S time) {
+        pause = pause + time;
+        if (paused > S(0.5) && (speed2 < S(rest_near * rest_near) || pause > S(rest_pause))) {
+            clear();
+            paused = S(0);
+        }
     }
 
     void clear() {

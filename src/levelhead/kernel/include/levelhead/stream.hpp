@@ -33,7 +33,7 @@ struct Stream {
     uint32_t closed;      // how many there have been
     EventCounter events[EVENT_COUNT];
     S jumps;              // that the estimator's position had made
-    uint32_t resting;     // the last sample was at rest
+    S resting;            // the last sample was at rest: 1, else 0
 
     static Stream make(const typename Estimator::Params& params, const Vec3<S>& gyro_bias, const Vec3<S>& accel_bias) {
         Stream s{};
@@ -77,7 +77,6 @@ struct Stream {
             broken = rest;
         }
         advance_to(t, mean_gyro, mean_accel);
-        watch(t);
         return take(t, w, f);
     }
 
@@ -140,13 +139,12 @@ struct Stream {
         return true;
     }
 
-    // What the estimator finds by itself becomes an event.
+    // What the estimator finds by itself becomes an event; it can only when its covariance has moved.
     void watch([[maybe_unused]] double t) {
         if constexpr (Estimator::takes_wheels) {
-            const uint32_t now = estimator.manner() & STATIONARY;
-            if (now && !resting) note(events[S_STATIONARY], t);
-            resting = now;
+            if (estimator.rest.still > resting) note(events[S_STATIONARY], t);
             if (estimator.jumps > jumps) note(events[W_POSITION_JUMP], t);
+            resting = estimator.rest.still;
             jumps = estimator.jumps;
         }
     }
@@ -154,7 +152,7 @@ struct Stream {
     void advance_to(double t, const Vec3<S>& w, const Vec3<S>& f) {
         if (t > advanced_to) estimator.step(params, S(t - advanced_to), w, f);
         advanced_to = t;
-        estimator.tick(params);
+        if (estimator.tick(params)) watch(t);
     }
 
     void close() {
@@ -174,6 +172,7 @@ struct Stream {
             settled = estimator.settled();
         }
         if (estimator.platform.reverse > S(0.5)) note(events[S_REVERSE], t);
+        watch(t);
         pending_time = no_time;
         broken = 0;
     }
