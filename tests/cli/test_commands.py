@@ -199,7 +199,6 @@ BAD = [
     (["estimate", "folder", "-o", "out"], 3, "folder is a directory"),
     (["estimate", "text.csv", "-o", "out"], 3, "'abc'"),
     (["estimate", "column.csv", "-o", "out"], 3, "gyro_z"),
-    (["estimate", "back.csv", "-o", "out"], 3, "does not advance"),
     (["estimate", "good.csv", "-o", "out", "--method", "magic"], 2, "'magic'"),
     (["estimate", "good.csv", "-o", "out", "--params", "typo.toml"], 2, "'tua'"),
     (["estimate", "good.csv", "-o", "out", "--params", "negative.toml"], 2, "velocity_std is -1"),
@@ -232,7 +231,6 @@ def bad_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "folder").mkdir()
     (folder / "text.csv").write_text(header + "".join([*rows[:50], "0.50,0,abc,0,0,0,-9.8,,,\n", *rows[51:]]))
     (folder / "column.csv").write_text("".join([header, *rows]).replace("gyro_z", "gyro_zz"))
-    (folder / "back.csv").write_text(header + "".join([*rows[:50], rows[20], *rows[51:]]))
     (folder / "typo.toml").write_text("tua = 4.0\n")
     (folder / "negative.toml").write_text("velocity_std = -1.0\n")
     (folder / "text.toml").write_text("velocity_std = 'fast'\n")

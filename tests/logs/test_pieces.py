@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,3 +37,11 @@ def test_a_foreign_clock_is_counted_from_the_first_imu_sample(start: float, from
 def test_files_that_do_not_belong_together_are_refused() -> None:
     with pytest.raises(LogError, match=r"IMU's stamps run from 0\.000 to 1\.000 s, the GNSS stamps from 50\.000 to 51"):
         join(imu_at(0.0), gnss_at(50.0))
+
+
+def test_stamps_in_two_time_scales_are_brought_together() -> None:
+    start = 1751003261.0  # 2025: GPS time is 18 s ahead of UTC
+    imu = replace(imu_at(start), time_scale="UTC")
+    log = join(imu, replace(gnss_at(start + 18.25), time_scale="GPST"))
+    assert log.gnss_time[0] == 0.25
+    assert log.meta["gnss_time_scale"] == "UTC"

@@ -18,7 +18,8 @@ from levelhead.conventions import FloatArray
 from levelhead.errors import LogError, OutputError, UsageError
 from levelhead.logs.log import Log
 from levelhead.logs.readers.base import Source
-from levelhead.logs.readers.rtklib_pos import GPS_EPOCH_S, READER
+from levelhead.logs.readers.rtklib_pos import READER
+from levelhead.logs.timescales import GPS_EPOCH_S
 from levelhead.logs.tracks import TRACK_WRITERS, Track, thinned, track_of_log, write_track
 
 KML = "{http://www.opengis.net/kml/2.2}"

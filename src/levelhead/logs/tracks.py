@@ -21,7 +21,7 @@ from levelhead.earth import shortest_turn
 from levelhead.errors import LogError, UsageError
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, MEAN_SEA_LEVEL, WGS84
 from levelhead.logs.log import Log
-from levelhead.logs.readers.rtklib_pos import GPS_EPOCH_S, TIME_SCALES
+from levelhead.logs.timescales import GPS_EPOCH_S, TIME_SCALES
 from levelhead.version import __version__
 
 BoolArray = NDArray[np.bool_]

@@ -122,7 +122,7 @@ def test_what_is_no_log_is_refused_with_a_sentence(tmp_path: Path, content: byte
 def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"absent\.csv does not exist; check the path\."):
         read(tmp_path / "absent.csv")
-    with pytest.raises(LogError, match="is a directory; pass the log file itself"):
+    with pytest.raises(LogError, match="is a directory, and no log in a known layout"):
         read(tmp_path)
     fifo = tmp_path / "fifo.csv"
     os.mkfifo(fifo)

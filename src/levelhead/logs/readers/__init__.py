@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -11,10 +13,11 @@ from levelhead.events import Event
 from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
-from levelhead.logs.pieces import Pieces, join
+from levelhead.logs.pieces import FACTS, Pieces, join
 from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, rtklib_pos
-from levelhead.logs.readers.base import Reader, Role, Source
+from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
+from levelhead.logs.readers.siblings import find_sibling
 
 PathLike = str | os.PathLike[str]
 
@@ -33,18 +36,27 @@ SNIFFED_BYTES: Final = 65536
 
 
 def read(
-    path: PathLike, *, format: str | None = None, gnss: PathLike | None = None, mapping: PathLike | None = None
+    path: PathLike,
+    *,
+    format: str | None = None,
+    gnss: PathLike | None = None,
+    imu: str | None = None,
+    mapping: PathLike | None = None,
 ) -> Log:
     """Read a log of any supported format.
 
     Parameters
     ----------
     path : path
-        The log, or its IMU file. For ``NAME.imu.csv`` the GNSS data is taken from ``NAME.gnss.csv`` beside it.
+        The log, or its IMU file; some formats are folders. A GNSS file that lies beside an IMU file under a name that
+        goes with its name (``NAME.gnss.csv`` beside ``NAME.imu.csv``, ``gps_7.csv`` beside ``imu_7.csv``) is found.
     format : str, optional
         A key of `READERS`; without it the content of the file decides.
-    gnss : path, optional
-        The file with the GNSS data, where it is not in `path`; of any format that holds GNSS data.
+    gnss : path or str, optional
+        The file with the GNSS data, where it is not in `path`, of any format that holds GNSS data; or, where there is
+        no such file, the name of one of several receivers in the log.
+    imu : str, optional
+        The name of one of several IMUs in the log; without it the first of those with the most samples is read.
     mapping : path, optional
         The TOML file that says what the columns of a foreign CSV mean, see `levelhead.logs.mapping`.
 
@@ -53,7 +65,9 @@ def read(
     Log
         ``meta`` has ``source``, ``format`` and ``completeness`` (and ``gnss_source``, ``gnss_format`` with two
         files), ``datum`` and, where a file declares it, ``height`` (see `levelhead.logs.datum`), and ``epoch``, the
-        reading of the file's clock at the log's zero, where the clock was foreign.
+        reading of the file's clock at the log's zero, where the clock was foreign; ``streams``, what there was to
+        choose from; ``compensated``, where biases were taken off before recording, by what; ``undeclared``, what must
+        be found in the data (see `levelhead.logs.pieces`).
 
     Raises
     ------
@@ -66,46 +80,77 @@ def read(
         raise UsageError(f"The format {format!r} is not known; the formats are {', '.join(READERS)}.")
     main = Path(path)
     mapped = None if mapping is None else load_mapping(mapping)
-    gnss_path = _sibling(main) if gnss is None else Path(gnss)
-    imu_mapping, gnss_mapping = _sections(mapped, two_files=gnss_path is not None)
+    receiver = str(gnss) if gnss is not None and not Path(gnss).exists() else None
+    gnss_path = None if gnss is None or receiver is not None else Path(gnss)
+    beside = find_sibling(main) if gnss is None else None
+    imu_mapping, gnss_mapping = _sections(mapped, two_files=(gnss_path or beside) is not None)
 
-    pieces, reader = _read_file(main, "imu", format, imu_mapping, None if gnss_path else gnss_mapping)
+    source = Source(path=main, imu_mapping=imu_mapping, gnss_mapping=gnss_mapping, imu=imu, gnss=receiver)
+    if gnss_path or beside:
+        source = replace(source, gnss_mapping=None)
+    pieces, reader = _read_file(source, format)
+    _check_choice(source, pieces)
     if pieces.imu is None:
         raise LogError(
             f"{main.name} ({reader.title}) holds GNSS data only; an IMU file is needed too: pass that one first and "
             f"{main.name} as gnss=."
         )
+    parts = {main.name: pieces}
     meta: dict[str, object] = {"source": main.name, "format": reader.name, **pieces.meta}
-    cut = {main.name: pieces.left_out}
     gnss_data = pieces.gnss
+    found: tuple[Event, ...] = ()
+    if gnss_data is None and gnss_path is None and beside is not None:
+        gnss_path = beside
+        found = (Event(code="I_SIBLING", count=1, detail=f"{beside.name}."),)
     if gnss_path is not None:
-        if gnss_data is not None:
+        if gnss_data is not None and not pieces.streams:
             raise UsageError(f"{main.name} has GNSS columns of its own; leave out the GNSS file {gnss_path.name}.")
-        gnss_pieces, gnss_reader = _read_file(gnss_path, "gnss", None, None, gnss_mapping)
+        gnss_pieces, gnss_reader = _read_file(Source(path=gnss_path, role="gnss", gnss_mapping=gnss_mapping), None)
         check_agreement(main.name, pieces.meta, gnss_path.name, gnss_pieces.meta)
         gnss_data = gnss_pieces.gnss
         meta = {**gnss_pieces.meta, **meta, "gnss_source": gnss_path.name, "gnss_format": gnss_reader.name}
-        cut[gnss_path.name] = gnss_pieces.left_out
+        parts[gnss_path.name] = gnss_pieces
     if gnss_data is None:
         raise LogError(f"{main.name} holds no GNSS data; pass the file that does as gnss=.")
-
-    cut = {name: count for name, count in cut.items() if count}
-    meta["completeness"] = "truncated" if cut else "complete"
-    detail = ", ".join(f"{name}: {count}" for name, count in cut.items())
-    events = (Event(code="W_TRUNCATED", count=sum(cut.values()), detail=f"Lines: {detail}."),) if cut else ()
+    meta |= _known(tuple(parts.values()))
     try:
-        return join(pieces.imu, gnss_data, from_zero=pieces.from_zero, meta=meta, events=events)
+        return join(pieces.imu, gnss_data, from_zero=pieces.from_zero, meta=meta, events=(*found, *_events_of(parts)))
     except LogError as error:
         raise LogError(f"{main.name}: {error}") from None
 
 
-def _sibling(path: Path) -> Path | None:
-    """Return ``NAME.gnss.csv`` beside ``NAME.imu.csv`` (or Parquet), if it is there."""
-    stem = Path(path.stem)
-    if stem.suffix != ".imu":
-        return None
-    sibling = path.with_name(f"{stem.stem}.gnss{path.suffix}")
-    return sibling if sibling.is_file() else None
+def _known(parts: tuple[Pieces, ...]) -> dict[str, object]:
+    """Return what the files together tell of the log, as entries of `Log.meta`."""
+    whole = "malformed_record" if any(p.damaged for p in parts) else "complete"
+    meta: dict[str, object] = {"completeness": "truncated" if any(p.left_out for p in parts) else whole}
+    streams = tuple(stream for p in parts for stream in p.streams)
+    compensated = " ".join(p.compensated for p in parts if p.compensated)
+    undeclared = tuple(fact for fact in FACTS if any(fact in p.undeclared for p in parts))
+    entries = {"streams": streams, "compensated": compensated, "undeclared": undeclared}
+    return {**meta, **{name: value for name, value in entries.items() if value}}
+
+
+def _events_of(parts: Mapping[str, Pieces]) -> tuple[Event, ...]:
+    """Return what happened while the files were read."""
+    events = [event for p in parts.values() for event in p.events]
+    cut = {name: p.left_out for name, p in parts.items() if p.left_out}
+    if cut:
+        detail = ", ".join(f"{name}: {count}" for name, count in cut.items())
+        events.append(Event(code="W_TRUNCATED", count=sum(cut.values()), detail=f"{detail}."))
+    events += [Event(code="W_DAMAGED", count=1, detail=p.damaged) for p in parts.values() if p.damaged]
+    events += [Event(code="W_COMPENSATED", count=1, detail=p.compensated) for p in parts.values() if p.compensated]
+    return tuple(events)
+
+
+def _check_choice(source: Source, pieces: Pieces) -> None:
+    """Refuse a choice among streams where the file has only one of each."""
+    for wanted, kind in ((source.imu, "imu"), (source.gnss, "gnss")):
+        if wanted is None or any(s.kind == kind and s.name == wanted for s in pieces.streams):
+            continue
+        names = [s.name for s in pieces.streams if s.kind == kind]
+        have = f"it has {', '.join(names)}" if names else f"it has no {kind} streams to choose from"
+        missing = " and there is no such file" if kind == "gnss" else ""
+        raise UsageError(f"{source.path.name} has no {kind} stream {wanted!r}{missing}; {have}.")
 
 
 def _sections(mapped: LogMapping | None, *, two_files: bool) -> tuple[ImuMapping | None, GnssMapping | None]:
@@ -116,25 +161,24 @@ def _sections(mapped: LogMapping | None, *, two_files: bool) -> tuple[ImuMapping
     return mapped.imu, mapped.gnss
 
 
-def _read_file(
-    path: Path, role: Role, format_name: str | None, imu: ImuMapping | None, gnss: GnssMapping | None
-) -> tuple[Pieces, Reader]:
+def _read_file(source: Source, format_name: str | None) -> tuple[Pieces, Reader]:
     """Read one file in the format that its content, the mapping or the caller names."""
+    path = source.path
     try:
         head = _head(path)
-        reader = READERS[format_name] if format_name is not None else _find_reader(path, head, imu or gnss)
-        source = Source(path=path, role=role, imu_mapping=imu, gnss_mapping=gnss)
+        section = source.imu_mapping or source.gnss_mapping
+        reader = READERS[format_name] if format_name is not None else _find_reader(path, head, section)
         return reader.read(source), reader
     except OSError as error:
         raise LogError(f"{path} cannot be read: {error.strerror or error}.") from error
 
 
 def _head(path: Path) -> bytes:
-    """Return the first bytes of a regular file that is not empty."""
+    """Return the first bytes of a regular file that is not empty; of a folder, none."""
     if not path.exists():
         raise UsageError(f"{path} does not exist; check the path.")
     if path.is_dir():
-        raise LogError(f"{path} is a directory; pass the log file itself.")
+        return b""
     if not path.is_file():
         # Opening a FIFO would wait for its writer for ever.
         raise LogError(f"{path} is not a regular file; pass a log file.")
@@ -146,7 +190,7 @@ def _head(path: Path) -> bytes:
 
 
 def _find_reader(path: Path, head: bytes, section: ImuMapping | GnssMapping | None) -> Reader:
-    sniffed = next((reader for reader in READERS.values() if reader.sniff(head)), None)
+    sniffed = next((reader for reader in READERS.values() if reader.sniff(path, head)), None)
     if section is not None:
         if sniffed is not None and sniffed is not canonical_csv.READER:
             raise UsageError(
@@ -157,6 +201,8 @@ def _find_reader(path: Path, head: bytes, section: ImuMapping | GnssMapping | No
     if sniffed is not None:
         return sniffed
     known = ", ".join(reader.title for reader in READERS.values())
+    if path.is_dir():
+        raise LogError(f"{path} is a directory, and no log in a known layout of files; pass the log file itself.")
     if not is_text(head):
         raise LogError(f"{path.name}: the format is not known (binary data); levelhead reads {known}.")
     first = head.decode("utf-8", errors="replace").splitlines()[0][:60]

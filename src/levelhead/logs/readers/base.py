@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import importlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from levelhead.conventions import FloatArray
+from levelhead.errors import LogError, UsageError
 from levelhead.logs.mapping import GnssMapping, ImuMapping
-from levelhead.logs.pieces import Pieces
+from levelhead.logs.pieces import Pieces, Stream
 
 Role = Literal["imu", "gnss"]
 
@@ -21,17 +23,21 @@ class Source:
     Attributes
     ----------
     path : Path
-        An existing regular file that is not empty.
+        An existing regular file that is not empty, or a folder for readers that take one.
     role : {"imu", "gnss"}
         ``imu``: the log itself, with or without GNSS data; ``gnss``: only its GNSS data is wanted.
     imu_mapping, gnss_mapping : optional
         The sections of the mapping that describe this file.
+    imu, gnss : str, optional
+        Which of several IMUs and receivers in the file is wanted; the reader chooses where nobody says, see `choose`.
     """
 
     path: Path
     role: Role = "imu"
     imu_mapping: ImuMapping | None = None
     gnss_mapping: GnssMapping | None = None
+    imu: str | None = None
+    gnss: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,14 +51,15 @@ class Reader:
     title : str
         For people, in errors and in the documentation.
     sniff : callable
-        Whether a file that begins with these bytes (64 KiB at most) has this format.
+        Whether a file that begins with these bytes (64 KiB at most) has this format. Of a folder the bytes are empty
+        and the path tells; of a file the content decides, and the path only gives access to more of it.
     read : callable
         Takes a `Source`, returns `Pieces`, raises `LogError`.
     """
 
     name: str
     title: str
-    sniff: Callable[[bytes], bool]
+    sniff: Callable[[Path, bytes], bool]
     read: Callable[[Source], Pieces]
 
 
@@ -67,3 +74,57 @@ class Table:
     columns: Mapping[str, FloatArray]
     where: Callable[[int], str]
     left_out: int = 0
+
+
+def need(module: str, *, extra: str, title: str) -> Any:
+    """Import a library that only one format needs.
+
+    Parameters
+    ----------
+    module : str
+        Its name for ``import``.
+    extra : str
+        The extra of this package that installs it.
+    title : str
+        What cannot be read without it, for the error.
+
+    Raises
+    ------
+    UsageError
+        When it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] != module.split(".")[0]:
+            raise
+        raise UsageError(
+            f"Reading {title} needs the package {module.split('.')[0]}: pip install 'levelhead[{extra}]'."
+        ) from None
+
+
+def choose(streams: Sequence[Stream], wanted: str | None, *, name: str) -> Stream | None:
+    """Return the stream of one kind that is read: the wanted one, else the one with the most samples, first at a tie.
+
+    Parameters
+    ----------
+    streams : sequence of Stream
+        All IMUs, or all receivers, in the order of preference.
+    wanted : str or None
+        What the user chose (`Source.imu`, `Source.gnss`).
+    name : str
+        The file's name, for errors.
+
+    Raises
+    ------
+    LogError
+        When there is no such stream; the sentence lists those that there are.
+    """
+    if wanted is None:
+        return max(streams, key=lambda s: s.samples, default=None)
+    for stream in streams:
+        if stream.name == wanted:
+            return stream
+    what = "IMU" if not streams or streams[0].kind == "imu" else "GNSS receiver"
+    have = ", ".join(f"{s.name} ({s.samples} samples)" for s in streams) or "none"
+    raise LogError(f"{name} has no {what} called {wanted!r}; choose one of: {have}.")

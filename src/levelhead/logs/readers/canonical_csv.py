@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final
 
 from levelhead.conventions import CANONICAL_UNITS, TIME_COLUMN
@@ -12,7 +13,7 @@ from levelhead.logs.readers.columns import find_columns, pieces_from_table, spli
 from levelhead.logs.readers.csv_table import find_layout, is_text, read_numbers
 
 
-def sniff(head: bytes) -> bool:
+def sniff(_path: Path, head: bytes) -> bool:
     """Return whether the text begins with a header that names at least two canonical columns."""
     if not is_text(head):
         return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from levelhead.conventions import FloatArray
@@ -30,7 +31,7 @@ MAX_ROWS_PER_BYTE: Final = 20
 """No advancing time stamps compress so well: a file that claims more rows is a decompression bomb."""
 
 
-def sniff(head: bytes) -> bool:
+def sniff(_path: Path, head: bytes) -> bool:
     """Return whether the file begins with Parquet's magic bytes."""
     return head.startswith(MAGIC)
 

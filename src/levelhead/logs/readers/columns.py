@@ -141,7 +141,7 @@ def pieces_from_table(table: Table) -> Pieces:
     ------
     LogError
         On empty or half-empty rows, infinite numbers, places that are not on the globe, deviations that are none, and
-        time stamps that are absent or do not advance.
+        time stamps that are absent.
     """
     time = table.columns[TIME_COLUMN]
     if time.size == 0:
@@ -159,8 +159,6 @@ def pieces_from_table(table: Table) -> Pieces:
             raise LogError(f"{table.name}: every row of the IMU columns is empty; export the IMU readings too.")
     if not gnss_rows.any() and any(c in table.columns for c in GNSS_COLUMNS):
         raise LogError(f"{table.name}: the GNSS columns are empty on every row; a log needs GNSS fixes.")
-    _check_advancing(table, imu_rows)
-    _check_advancing(table, gnss_rows)
     imu = None
     if imu_rows.any():
         gyro, accel = _stacked(table, GYRO_COLUMNS, imu_rows), _stacked(table, ACCEL_COLUMNS, imu_rows)
@@ -245,15 +243,3 @@ def _refuse(table: Table, bad: BoolArray, what: str, remedy: str) -> None:
     rows = np.flatnonzero(bad)
     if rows.size:
         raise LogError(f"{table.name}, {table.where(int(rows[0]))}: {what} ({rows.size} such rows in all); {remedy}.")
-
-
-def _check_advancing(table: Table, rows: BoolArray) -> None:
-    time = table.columns[TIME_COLUMN][rows]
-    back = np.flatnonzero(np.diff(time) <= 0.0)
-    if back.size:
-        k = int(back[0])
-        row = int(np.flatnonzero(rows)[k + 1])
-        raise LogError(
-            f"{table.name}, {table.where(row)}: the time does not advance, {time[k + 1]:.6f} s comes after "
-            f"{time[k]:.6f} s ({back.size} such rows in all). Sort the rows and drop repeated stamps."
-        )

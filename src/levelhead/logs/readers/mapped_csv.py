@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 from levelhead.conventions import TIME_COLUMN
@@ -14,7 +15,7 @@ from levelhead.logs.readers.columns import MAX_NAMES_SHOWN, pieces_from_table
 from levelhead.logs.readers.csv_table import CsvLayout, find_layout, read_numbers
 
 
-def sniff(_head: bytes) -> bool:
+def sniff(_path: Path, _head: bytes) -> bool:
     """Return False: only the caller, by giving a mapping, can say that a text is this."""
     return False
 

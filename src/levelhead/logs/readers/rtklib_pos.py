@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,13 +20,10 @@ from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, declared
 from levelhead.logs.pieces import GnssData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
+from levelhead.logs.timescales import GPS_EPOCH_S, WEEK_S
 
 TextArray = NDArray[np.str_]
 
-GPS_EPOCH_S: Final = 315964800.0
-"""1980-01-06 in seconds since 1970, calendar count (both without leap seconds)."""
-WEEK_S: Final = 604800.0
-TIME_SCALES: Final = ("GPST", "UTC", "JST")
 
 _COLUMN_LINE = re.compile(rb"^%\s*(GPST|UTC|JST)\b(.*)$", re.MULTILINE)
 _DATUM_LINE = re.compile(rb"^%\s*\(lat/lon/height=([^/,)\r\n]*)/([^,)\r\n]*)", re.MULTILINE)
@@ -34,7 +32,7 @@ _HEIGHTS: Final = {"ellipsoidal": ELLIPSOIDAL, "geodetic": MEAN_SEA_LEVEL}
 _POSITION: Final = ("latitude", "longitude", "height")
 
 
-def sniff(head: bytes) -> bool:
+def sniff(_path: Path, head: bytes) -> bool:
     """Return whether the text has RTKLIB's line of column names, or its program line."""
     return is_text(head) and head.startswith(b"%") and (b"RTKLIB" in head or _COLUMN_LINE.search(head) is not None)
 
@@ -58,12 +56,6 @@ def read(source: Source) -> Pieces:
         raise LogError(f"{name}: the file has a header but no solution; check RTKLIB's processing.")
     time = _times(name, tokens, numbers_of)
     values = {n: _numbers(name, n, tokens[:, k + 2], numbers_of) for k, n in enumerate(names) if n in _USED}
-    back = np.flatnonzero(np.diff(time) <= 0.0)
-    if back.size:
-        raise LogError(
-            f"{name}, line {numbers_of[int(back[0]) + 1]}: the time does not advance ({back.size} such lines in all); "
-            "sort the solutions and drop repeated ones."
-        )
     _check_globe(name, values, numbers_of)
     llh = np.column_stack([values[n] for n in _POSITION])
     gnss = GnssData(
@@ -72,6 +64,7 @@ def read(source: Source) -> Pieces:
         velocity_std=_deviations(values, ("sdvn", "sdve", "sdvu")),
         position_llh=np.column_stack((np.radians(llh[:, :2]), llh[:, 2])),
         position_std=_deviations(values, ("sdn", "sde", "sdu")),
+        time_scale=scale,
     )
     return Pieces(gnss=gnss, left_out=left_out, meta={"gnss_time_scale": scale, **meta})
 
