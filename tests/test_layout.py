@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "src" / "levelhead"
 
 # A package may import those before it and itself; the first row is the ground that everybody stands on.
-ORDER = ("ground", "kernel", "estimators", "logs", "preflight", "sim", "analysis", "report", "cli")
+ORDER = ("ground", "kernel", "estimators", "logs", "sim", "analysis", "preflight", "report", "cli")
 GROUND = {"conventions", "earth", "errors", "events", "atomic", "version"}
 # The front doors, which see everything.
 DOORS = {"__init__", "__main__"}

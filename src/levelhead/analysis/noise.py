@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
@@ -34,11 +33,17 @@ def density(time: FloatArray, readings: FloatArray) -> float:
     LogError
         When the log is too short.
     """
-    return min(_density(time, readings, block) for block in BLOCKS)
+    return min(float(_densities(time, readings, block).min()) for block in BLOCKS)
 
 
-def _density(time: FloatArray, readings: FloatArray, block: float) -> float:
-    """Return the one-sided noise density of the quietest axis in means over a block (s)."""
+def densities(time: FloatArray, readings: FloatArray) -> FloatArray:
+    """Return the noise density of every axis, shape (3,); otherwise as `density`."""
+    found: FloatArray = np.min([_densities(time, readings, block) for block in BLOCKS], axis=0)
+    return found
+
+
+def _densities(time: FloatArray, readings: FloatArray, block: float) -> FloatArray:
+    """Return the one-sided noise density of every axis in means over a block (s)."""
     interval = float(np.median(np.diff(time)))
     samples = max(1, round(block / interval))
     blocks = time.size // samples
@@ -53,9 +58,10 @@ def _density(time: FloatArray, readings: FloatArray, block: float) -> float:
     windows = [w[np.isfinite(w).all(axis=1)].mean(axis=0) for w in _windows(square)]
     if not windows:
         raise LogError("The log is too short to measure its noise: it needs half a minute of readings without a gap.")
-    variance = float(np.median(windows, axis=0).min())
+    variance = np.median(windows, axis=0)
     # White noise of density d has the variance d^2 / (2 time) after averaging over a time.
-    return math.sqrt(2.0 * samples * interval * variance)
+    found: FloatArray = np.sqrt(2.0 * samples * interval * variance)
+    return found
 
 
 def _windows(rows: FloatArray) -> list[FloatArray]:

@@ -1,0 +1,302 @@
+"""GNSS velocities against integrated readings, window by window: how far the clocks are apart.
+
+In a window, with the sensor's frame F at its start standing still (see `levelhead.preflight.windows`),
+
+    v(t + tau) = v0 + C_NF (integral of C_FS (f - b_a)) + g t + C_NS (omega x lever)
+
+is linear in what is unknown once C_NF is nearly known: v0 and three small angles in every window, and for the whole
+drive the offset tau of the clocks, the biases and the lever arm. Least squares with the windows' own unknowns
+eliminated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from levelhead.conventions import GRAVITY, FloatArray
+from levelhead.preflight.windows import (
+    BoolArray,
+    Increments,
+    Motion,
+    Windows,
+    epoch_times,
+    on_grid,
+    rotations,
+    skew,
+    turned,
+)
+
+ACCEL_BIAS_STD: Final = 0.5
+"""One sigma of an accelerometer's bias before the drive, m/s^2."""
+GYRO_BIAS_STD: Final = np.radians(0.5)
+"""One sigma of what is left of a gyro's bias after its mean over the drive was taken off, rad/s."""
+OFFSET_STD: Final = 1.0
+"""One sigma of how far the clocks are from where the turns put them, s."""
+ROUNDS: Final = 4
+OUTLIER: Final = 4.0
+"""Windows whose residual is so many times the median's do not count: GNSS jumped, or the gyros did."""
+
+MIN_SWING: Final = 0.15
+"""Windows whose horizontal velocity swings less tell nothing of heading and clocks, m/s (see `Windows.swing`)."""
+SIGNAL: Final = 4.0
+"""Nor do those in which it swings by less than so many sigmas of the velocity: vibration would pass for motion."""
+
+OFFSET: Final = 0
+LEVER: Final = slice(1, 4)
+ACCEL: Final = slice(4, 7)
+GYRO: Final = slice(7, 10)
+COMMON: Final = 10
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Alignment:
+    """What the fit leaves.
+
+    Attributes
+    ----------
+    offset_s, offset_std : float
+        How much later than the IMU's the GNSS stamps are, s.
+    lever_arm, lever_std : ndarray, shape (3,)
+        From the IMU to the antenna, sensor axes, m.
+    dcm_f_to_ned : ndarray, shape (w, 3, 3)
+        Rotation of each window's frame F.
+    attitude_std : ndarray, shape (w, 3)
+        One sigma of it about North, East, Down, rad.
+    attitude : ndarray, shape (w, k + 1, 3, 3)
+        Rotation from the sensor's axes to F on the windows' grid.
+    residual_std : float
+        Of the velocities, in their own sigmas.
+    used : ndarray of bool, shape (w,)
+        Windows that counted.
+    offsets_s, offsets_std : ndarray, shape (w,)
+        The clock offset that each window alone would have, s.
+    """
+
+    offset_s: float
+    offset_std: float
+    lever_arm: FloatArray
+    lever_std: FloatArray
+    dcm_f_to_ned: FloatArray
+    attitude_std: FloatArray
+    attitude: FloatArray
+    residual_std: float
+    used: BoolArray
+    offsets_s: FloatArray
+    offsets_std: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Start:
+    """Where the fit begins: rotation of each window's F, clock offset, gyro bias in the gyros' unit, units and signs.
+
+    ``accel_noise`` is the one-sided density of the accelerometers with their vibration, m/s^2/sqrt(Hz): it adds up in
+    the velocity.
+    """
+
+    dcm_f_to_ned: FloatArray
+    offset_s: float
+    gyro_scale: float
+    gyro_bias: FloatArray
+    accel_scale: float
+    accel_noise: float
+
+
+def align(
+    windows: Windows,
+    increments: Increments,
+    motion: Motion,
+    start: Start,
+    *,
+    lever_arm: FloatArray | None = None,
+    lever_std: float = 1e-6,
+) -> Alignment | None:
+    """Fit the velocities of all windows.
+
+    Parameters
+    ----------
+    windows, increments, motion
+        The stretches, the readings' integrals (raw), and the GNSS velocities in NED.
+    start : Start
+        A solution that is right within some degrees and a second.
+    lever_arm : ndarray, shape (3,), optional
+        From the IMU to the antenna, sensor axes, m; none where it is not known.
+    lever_std : float
+        One sigma of it, m.
+
+    Returns
+    -------
+    Alignment or None
+        None where no window swings enough to tell anything.
+    """
+    common = np.zeros(COMMON)
+    if lever_arm is not None:
+        common[LEVER] = lever_arm
+    expected = common.copy()
+    prior_std = np.full(COMMON, OFFSET_STD)
+    prior_std[LEVER], prior_std[ACCEL], prior_std[GYRO] = lever_std, ACCEL_BIAS_STD, GYRO_BIAS_STD
+    common[OFFSET] = start.offset_s
+    dcm = start.dcm_f_to_ned
+    lively = windows.swing > np.maximum(MIN_SWING, SIGNAL * float(np.median(motion.sigma[:, :2])))
+    used = lively
+    if not used.any():
+        return None
+    expected[OFFSET] = start.offset_s
+    for _ in range(ROUNDS):
+        problem = _linearised(windows, increments, motion, replace(start, dcm_f_to_ned=dcm), common)
+        step = _solve(problem, expected - common, prior_std, used)
+        common = common + step.common
+        dcm = rotations(step.local[:, 3:]) @ dcm
+        used = lively & (step.residual < OUTLIER * np.median(step.residual[used]))
+    std = np.sqrt(np.diag(step.covariance))
+    return Alignment(
+        offset_s=float(common[OFFSET]),
+        offset_std=float(std[OFFSET]),
+        lever_arm=common[LEVER],
+        lever_std=std[LEVER],
+        dcm_f_to_ned=dcm,
+        attitude_std=step.attitude_std,
+        attitude=problem.attitude,
+        residual_std=float(np.sqrt(np.median(step.residual[used] ** 2))),
+        used=used,
+        offsets_s=common[OFFSET] + step.offsets,
+        offsets_std=step.offsets_std,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Problem:
+    """Rows in sigmas: of each window's own unknowns, of the common ones, and what is to be explained."""
+
+    local: FloatArray
+    common: FloatArray
+    target: FloatArray
+    attitude: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Step:
+    common: FloatArray
+    covariance: FloatArray
+    local: FloatArray
+    attitude_std: FloatArray
+    residual: FloatArray
+    offsets: FloatArray
+    offsets_std: FloatArray
+
+
+def _linearised(windows: Windows, increments: Increments, motion: Motion, start: Start, common: FloatArray) -> _Problem:
+    attitude, push = turned(
+        windows, increments, scale=start.gyro_scale, bias=start.gyro_bias + common[GYRO] / start.gyro_scale
+    )
+    push = push * start.accel_scale
+    step = windows.offsets[1]
+    middle = 0.5 * (attitude[:, 1:] + attitude[:, :-1])
+    lain = _summed(middle * step)  # integral of C_FS
+    push = push - lain @ common[ACCEL]
+    force = np.diff(push, axis=1) / step
+    swept = _summed(skew(force) @ (0.5 * (lain[:, 1:] + lain[:, :-1])) * step)
+    grid = np.minimum(windows.start[:, None] + windows.offsets, increments.time[-1])
+    rate = np.diff(increments.at(grid, angle=True), axis=1) / step * start.gyro_scale
+    when = epoch_times(windows, motion) - common[OFFSET]
+    elapsed = when - windows.start[:, None]
+    to_ned = start.dcm_f_to_ned[:, None]
+    gravity = np.array([0.0, 0.0, GRAVITY])
+
+    def ned(vectors: FloatArray) -> FloatArray:
+        turned_vectors: FloatArray = np.einsum("wij,wej->wei", start.dcm_f_to_ned, vectors)
+        return turned_vectors
+
+    velocity = ned(on_grid(push, windows, when))
+    sensor = to_ned @ on_grid(attitude, windows, when)
+    swing = sensor @ skew(on_grid(_at_nodes(rate), windows, when))
+    acceleration = ned(on_grid(_at_nodes(force), windows, when)) + gravity
+    # With the lever, the acceleration of the antenna differs from the IMU's by what a turn at a steady rate adds.
+    local = np.concatenate((np.broadcast_to(np.eye(3), (*when.shape, 3, 3)), -skew(velocity)), axis=-1)
+    columns = (
+        -acceleration[..., None],
+        swing,
+        -(to_ned @ on_grid(lain, windows, when)),
+        to_ned @ on_grid(swept, windows, when),
+    )
+    index = np.maximum(windows.epochs, 0)
+    expected = velocity + gravity * elapsed[..., None] + np.einsum("weij,j->wei", swing, common[LEVER])
+    known = windows.present & np.isfinite(expected).all(axis=-1)
+    target = motion.velocity[index] - expected
+    rows = np.concatenate((local, *columns, target[..., None]), axis=-1)
+    rows = _whitened(np.nan_to_num(rows), known, elapsed, motion.sigma[index], 0.5 * start.accel_noise**2)
+    return _Problem(local=rows[..., :6], common=rows[..., 6:-1], target=rows[..., -1], attitude=attitude)
+
+
+def _whitened(rows: FloatArray, known: BoolArray, elapsed: FloatArray, sigma: FloatArray, walk: float) -> FloatArray:
+    """Turn rows (w, e, 3, c) whose errors are white noise and a random walk into rows with independent unit errors.
+
+    What a scalar Kalman filter of the walk is surprised by, in its sigmas (Kailath's innovations); `walk` is the
+    growth of its variance, (m/s)^2/s.
+    """
+    white = np.zeros_like(rows)
+    state = np.zeros_like(rows[:, 0])
+    variance = np.zeros((rows.shape[0], 3))
+    before = np.zeros(rows.shape[0])
+    for k in range(rows.shape[1]):
+        here = known[:, k]
+        variance = np.where(here[:, None], variance + walk * np.maximum(elapsed[:, k] - before, 0.0)[:, None], variance)
+        before = np.where(here, elapsed[:, k], before)
+        total = variance + sigma[:, k] ** 2
+        surprise = np.where(here[:, None, None], rows[:, k] - state, 0.0)
+        white[:, k] = surprise / np.sqrt(total)[..., None]
+        gain = variance / total
+        state = state + gain[..., None] * surprise
+        variance = np.where(here[:, None], variance * (1.0 - gain), variance)
+    return white
+
+
+def _solve(problem: _Problem, to_prior: FloatArray, prior_std: FloatArray, used: BoolArray) -> _Step:
+    count = problem.local.shape[0]
+    a = problem.local.reshape(count, -1, 6)
+    b = problem.common.reshape(count, -1, COMMON)
+    y = problem.target.reshape(count, -1)
+    at = a.transpose(0, 2, 1)
+    own = np.linalg.inv(at @ a + 1e-9 * np.eye(6))
+    # What is left of the common columns and of the target once the window's own unknowns have taken their part.
+    b_left = b - a @ (own @ (at @ b))
+    y_left = y - (a @ (own @ (at @ y[..., None])))[..., 0]
+    normals = b_left.transpose(0, 2, 1) @ b_left
+    scores = (b_left.transpose(0, 2, 1) @ y_left[..., None])[..., 0]
+    freedom = np.maximum((y != 0.0).sum(axis=1) - 6, 1)
+    spread = float(np.median((y_left**2).sum(axis=1) / freedom))  # of the first guess: only to weigh the priors
+    prior = np.diag(max(spread, 1e-12) / prior_std**2)
+    normal = normals[used].sum(axis=0) + prior
+    inverse = np.linalg.inv(normal)
+    step = inverse @ (scores[used].sum(axis=0) + prior @ to_prior)
+    left = y_left - (b_left @ step[:, None])[..., 0]
+    residual = np.sqrt((left**2).sum(axis=1) / freedom)
+    variance = float(np.median(residual[used] ** 2))
+    # Residuals of a window hang together (vibration adds up in the velocity): the windows' scores tell how much.
+    per_window = (b_left.transpose(0, 2, 1) @ left[..., None])[..., 0][used]
+    covariance = inverse @ (per_window.T @ per_window + variance * prior) @ inverse + variance * inverse
+    own_step = (own @ (at @ (y - (b @ step[:, None])[..., 0])[..., None]))[..., 0]
+    attitude_std = np.sqrt(np.diagonal(own, axis1=1, axis2=2)[:, 3:]) * np.maximum(residual, np.sqrt(variance))[:, None]
+    alone = normals[:, OFFSET, OFFSET] + 1e-9
+    return _Step(
+        common=step,
+        covariance=covariance,
+        local=own_step,
+        attitude_std=attitude_std,
+        residual=residual,
+        offsets=(b_left[..., OFFSET] * left).sum(axis=1) / alone,
+        offsets_std=residual / np.sqrt(alone),
+    )
+
+
+def _summed(steps: FloatArray) -> FloatArray:
+    """Return the running sum of steps along the second axis, 0 at first."""
+    return np.concatenate((np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)), axis=1)
+
+
+def _at_nodes(steps: FloatArray) -> FloatArray:
+    """Return the means of neighbouring steps: values at the grid of what is known between its nodes."""
+    inner = 0.5 * (steps[:, 1:] + steps[:, :-1])
+    return np.concatenate((steps[:, :1], inner, steps[:, -1:]), axis=1)

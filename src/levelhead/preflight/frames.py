@@ -1,0 +1,231 @@
+"""Signs and frames: which reading of the data fits Newton's law best, by windows that know no mounting and no slope.
+
+Whatever the axes of an IMU are called, its readings are a rotation away from forward, right, down, unless they are
+mirrored or a sign is wrong. With the rotation free in every window (Wahba's problem), what is left to find is one of
+a few combinations: the sign of the specific force, the sign of the gyros, and the frame of the GNSS velocity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from levelhead.conventions import GRAVITY, FloatArray
+from levelhead.preflight.windows import Increments, Motion, Windows, epoch_times, on_grid, turned
+
+VELOCITY_FRAMES: Final[dict[str, FloatArray]] = {
+    "NED": np.eye(3),
+    "ENU": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
+    "NEU": np.diag([1.0, 1.0, -1.0]),
+}
+"""Frames that velocities come in, and what turns them into NED."""
+
+ECEF: Final = "ECEF"
+"""A frame that turns with the place, so that positions are needed to leave it."""
+
+PLAIN_LAG_S: Final = 1.0
+"""Accelerations are taken over about this time, s."""
+DECIDED: Final = 20.0
+"""Log-likelihood by which one reading of the data must lead all others: e^20 to 1 if the errors were as modelled;
+they are not, and that is why it is not 5."""
+WINDOW_WORTH: Final = 8.0
+"""Log-likelihood that one window may add at most: no single stretch of the drive decides alone."""
+INDEPENDENT_S: Final = 2.0
+"""Residuals further apart than this are taken as independent, s: tilt and vibration hang together for about so long."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypothesis:
+    """One reading of the data: signs of specific force and gyros, and the frame of the velocity."""
+
+    force_sign: int
+    rate_sign: int
+    velocity_frame: str
+
+    @property
+    def faults(self) -> int:
+        """How many things would have to be wrong in the log; both signs together are one, mirrored axes."""
+        mirrored = self.force_sign < 0 and self.rate_sign < 0
+        signs = 1 if mirrored else (self.force_sign < 0) + (self.rate_sign < 0)
+        return signs + (self.velocity_frame != "NED")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frames:
+    """The reading that fits best.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    margin : float
+        Log-likelihood by which it leads the best of those that say something else; `DECIDED` is enough.
+    alternatives : tuple of Hypothesis
+        Others that the data cannot tell from it, with as few faults: not decided if there is one.
+    dcm_f_to_ned : ndarray, shape (w, 3, 3)
+        The rotation of each window's frame F to NED.
+    windows : int
+        How many windows spoke for it.
+    """
+
+    hypothesis: Hypothesis
+    margin: float
+    alternatives: tuple[Hypothesis, ...]
+    dcm_f_to_ned: FloatArray
+    windows: int
+
+    @property
+    def decided(self) -> bool:
+        """Whether this is certain."""
+        return self.margin >= DECIDED and not self.alternatives
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Units:
+    """What turns raw readings into SI, and what is known of the gyros and the clocks before the signs are."""
+
+    gyro: float
+    accel: float
+    gyro_bias: FloatArray
+    offset_s: float
+
+
+def find_frames(
+    windows: Windows, increments: Increments, motion: Motion, units: Units, *, velocity_frames: tuple[str, ...]
+) -> Frames | None:
+    """Compare all combinations of signs and frames.
+
+    Parameters
+    ----------
+    windows, increments, motion
+        The stretches, the readings' integrals (raw), and the GNSS velocities as declared.
+    units : Units
+        Units, gyro bias and clock offset as far as they are known.
+    velocity_frames : tuple of str
+        Those of `VELOCITY_FRAMES` that are possible.
+
+    Returns
+    -------
+    Frames or None
+        None where there is no window.
+    """
+    if windows.start.size == 0:
+        return None
+    when = epoch_times(windows, motion)
+    interval = float(np.median(np.diff(motion.time)))
+    lag = max(1, round(PLAIN_LAG_S / interval))
+    duration = when[:, lag:] - when[:, :-lag]
+    velocity = np.where(windows.present[..., None], motion.velocity[np.maximum(windows.epochs, 0)], np.nan)
+    change = (velocity[:, lag:] - velocity[:, :-lag]) / duration[..., None]
+    gravity = np.array([0.0, 0.0, GRAVITY])
+    fits: dict[Hypothesis, tuple[FloatArray, FloatArray]] = {}
+    for rate_sign in (1, -1):
+        _, push = turned(windows, increments, scale=rate_sign * units.gyro, bias=units.gyro_bias)
+        push = on_grid(push * units.accel, windows, when - units.offset_s)
+        force = (push[:, lag:] - push[:, :-lag]) / duration[..., None]
+        known = np.asarray(np.isfinite(force + change).all(axis=-1))
+        for frame in velocity_frames:
+            expected = np.where(known[..., None], change @ VELOCITY_FRAMES[frame].T - gravity, 0.0)
+            for force_sign in (1, -1):
+                felt = np.where(known[..., None], force_sign * force, 0.0)
+                fits[Hypothesis(force_sign=force_sign, rate_sign=rate_sign, velocity_frame=frame)] = wahba(
+                    felt, expected
+                )
+    independent = (np.isfinite(duration).sum(axis=1) * min(interval / INDEPENDENT_S, 1.0)).astype(np.float64)
+    return _judge(fits, independent)
+
+
+def _judge(fits: dict[Hypothesis, tuple[FloatArray, FloatArray]], independent: FloatArray) -> Frames:
+    """Return the best of the hypotheses and how far it leads those that the windows can tell from it."""
+
+    def lead(rss: FloatArray, best: FloatArray) -> FloatArray:
+        floor = 1e-12 + best
+        return np.clip(1.5 * independent * np.log((rss + 1e-12) / floor), -WINDOW_WORTH, WINDOW_WORTH)
+
+    ranked = sorted(fits, key=lambda h: (round(float(np.log(fits[h][1] + 1e-12).sum()), 6), h.faults))
+    best = ranked[0]
+    rss = fits[best][1]
+    leads = {h: lead(fits[h][1], rss) for h in ranked[1:]}
+    same = [h for h, gain in leads.items() if np.abs(gain).max() < 1e-3]
+    others = {h: gain for h, gain in leads.items() if h not in same}
+    fewest = min((h.faults for h in (best, *same)), default=best.faults)
+    chosen = min((best, *same), key=lambda h: h.faults)
+    alternatives = tuple(h for h in (best, *same) if h is not chosen and h.faults == fewest)
+    margin = min((float(gain.sum()) for gain in others.values()), default=0.0)
+    runner = min(others, key=lambda h: float(others[h].sum()), default=None)
+    voices = 0 if runner is None else int((others[runner] > 1.0).sum())
+    return Frames(
+        hypothesis=chosen,
+        margin=margin,
+        alternatives=alternatives,
+        dcm_f_to_ned=fits[chosen][0].transpose(0, 2, 1),
+        windows=voices,
+    )
+
+
+def wahba(felt: FloatArray, expected: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return per window the rotation (w, 3, 3) with ``felt = rotation expected``, and the sum of squares that is left.
+
+    Both are (w, e, 3), 0 where there is no measurement; mirror images are not allowed (Wahba 1965, by singular values).
+    """
+    u, s, vt = np.linalg.svd(np.einsum("wei,wej->wij", felt, expected))
+    proper = np.sign(np.linalg.det(u @ vt))
+    flip = np.ones((proper.size, 3))
+    flip[:, 2] = proper
+    rotation = (u * flip[:, None, :]) @ vt
+    rss = (felt**2).sum(axis=(1, 2)) + (expected**2).sum(axis=(1, 2)) - 2.0 * (s * flip).sum(axis=1)
+    return rotation, np.maximum(rss, 0.0)
+
+
+def frame_by_positions(
+    time: FloatArray, steps_ned: FloatArray, velocity: FloatArray, position_llh: FloatArray
+) -> tuple[str | None, float]:
+    """Return the frame in which velocities agree with the steps between positions, and by how many sigmas it leads.
+
+    Parameters
+    ----------
+    time : ndarray, shape (m,)
+        Stamps of the epochs, s.
+    steps_ned : ndarray, shape (m - 1, 3)
+        From each position to the next, m.
+    velocity : ndarray, shape (m, 3)
+        As declared, m/s.
+    position_llh : ndarray, shape (m, 3)
+        Latitude, longitude (rad), height (m).
+
+    Returns
+    -------
+    frame : str or None
+        One of `VELOCITY_FRAMES` or `ECEF`; None where none fits, or the vehicle hardly moved.
+    margin : float
+        Of the mean squared misfit to the runner-up's, in standard errors.
+    """
+    duration = np.diff(time)
+    mean = 0.5 * (velocity[1:] + velocity[:-1])
+    moved = steps_ned / duration[:, None]
+    whole = np.isfinite(mean).all(axis=1) & np.isfinite(moved).all(axis=1) & (duration < 3.0)
+    mean, moved = mean[whole], moved[whole]
+    if mean.shape[0] < 20 or np.hypot(*mean[:, :2].T).max() < 1.0:
+        return None, 0.0
+    as_ned = {name: mean @ turn.T for name, turn in VELOCITY_FRAMES.items()}
+    as_ned[ECEF] = from_ecef(mean, position_llh[1:][whole])
+    misfit = {name: np.linalg.norm(found - moved, axis=1) for name, found in as_ned.items()}
+    best = min(misfit, key=lambda name: float(np.median(misfit[name])))
+    margins = []
+    for name, misses in misfit.items():
+        if name != best:
+            gain = np.minimum(misses, 5.0) - np.minimum(misfit[best], 5.0)
+            margins.append(float(gain.mean() / (gain.std() / np.sqrt(gain.size / 5.0) + 1e-9)))
+    fits_at_all = float(np.median(misfit[best])) < 0.3 * float(np.median(np.linalg.norm(moved, axis=1))) + 0.2
+    return (best if fits_at_all else None), min(margins)
+
+
+def from_ecef(velocity: FloatArray, position_llh: FloatArray) -> FloatArray:
+    """Turn velocities (m, 3) of the Earth-centred, Earth-fixed frame into NED at positions (m, 3; rad, rad, m)."""
+    import pymap3d
+
+    latitude, longitude, _ = position_llh.T
+    u, v, w = velocity.T
+    east, north, up = pymap3d.ecef2enuv(u, v, w, latitude, longitude, deg=False)
+    return np.column_stack((north, east, -np.asarray(up)))

@@ -1,0 +1,264 @@
+"""All that can be found in a log without believing what it says of its units, axes, frames and clocks: numbers only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from levelhead.analysis.noise import density
+from levelhead.conventions import GRAVITY, UNIT_FACTORS, FloatArray
+from levelhead.earth import steps_ned
+from levelhead.errors import LogError
+from levelhead.estimators.params import Triple
+from levelhead.logs.derive import velocity_from_position
+from levelhead.logs.log import Log
+from levelhead.preflight.alignment import Alignment, Start, align
+from levelhead.preflight.corrections import Corrections
+from levelhead.preflight.frames import VELOCITY_FRAMES, Frames, Units, find_frames, frame_by_positions
+from levelhead.preflight.mounting import Mounting, find_mounting
+from levelhead.preflight.turns import Turns, compare_turns
+from levelhead.preflight.windows import Increments, Motion, Windows, choose_windows
+
+UNIT_TOLERANCE: Final = 0.2
+"""A unit is found where what it should give is met within this (natural logarithm): scale errors are far smaller, units
+differ by far more."""
+BLOCK_S: Final = 1.0
+MIN_TURN_SCALE: Final = 8.0
+"""Sigmas that the scale of the gyros must be away from zero to tell their unit."""
+MIN_EXPLAINED: Final = 0.5
+"""Share of the course changes that the gyros must explain to tell anything."""
+MARGIN_S: Final = 1.6
+"""IMU data that must lie around a window, s: as far as clocks may be apart."""
+CLEAR_LEVER: Final = 6.0
+CLEAR_LEVER_M: Final = 0.5
+"""A lever arm that nobody told is believed where it is so many sigmas and so many metres from zero."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """What the data shows; None where it cannot.
+
+    Attributes
+    ----------
+    accel_norm : float
+        Median size of the specific force over blocks of a second, the file's unit.
+    coherence : float
+        How steady its direction is, 1 for a vehicle that drives level: gravity is in it.
+    accel_unit, gyro_unit : str or None
+        Units that fit.
+    up : ndarray, shape (3,)
+        Mean direction of the specific force, the file's axes.
+    turns : Turns or None
+        Yaw rate against course.
+    by_positions : str or None
+        Frame in which the velocities agree with the positions, and `positions_margin` in sigmas.
+    frames, alignment, mounting
+        Of the windows; `mounting` in the axes that `frames` has put right.
+    lever_found, lever_told : bool
+        Whether the velocities show a lever arm that nobody told; whether the user told one.
+    velocity_derived : bool
+        Whether the velocities come from the positions.
+    """
+
+    motion: Motion
+    windows: Windows
+    accel_norm: float
+    coherence: float
+    accel_unit: str | None
+    gyro_unit: str | None
+    up: FloatArray
+    turns: Turns | None
+    by_positions: str | None
+    positions_margin: float
+    frames: Frames | None
+    alignment: Alignment | None
+    mounting: Mounting | None
+    lever_found: bool
+    lever_told: bool
+    velocity_derived: bool
+
+
+def look_at(log: Log, *, lever_arm: Triple | None = None) -> Look:
+    """Look at a log.
+
+    Parameters
+    ----------
+    log : Log
+        As it was read.
+    lever_arm : (3,), optional
+        From the IMU to the antenna, vehicle axes, m, where the user told it.
+
+    Raises
+    ------
+    LogError
+        When the log has neither velocities nor positions that velocities can be derived from.
+    """
+    by_positions, positions_margin = _by_positions(log)
+    motion = motion_of(Corrections(velocity_frame=by_positions or "NED").apply(log))
+    increments = Increments.of(log.time, log.gyro, log.accel)
+    norm, coherence, up = _gravity(increments)
+    accel_unit = nearest_unit(GRAVITY / norm, UNIT_FACTORS["m/s^2"]) if norm > 0.0 else None
+    turns = compare_turns(increments, motion, up)
+    told_by_turns = (
+        turns is not None and abs(turns.scale) > MIN_TURN_SCALE * turns.scale_std and turns.explained > MIN_EXPLAINED
+    )
+    gyro_unit = nearest_unit(abs(turns.scale), UNIT_FACTORS["rad/s"]) if turns is not None and told_by_turns else None
+    windows = choose_windows(log.time, motion, margin=MARGIN_S)
+    frames, alignment, mounting, lever_found = None, None, None, False
+    if windows.start.size and accel_unit is not None and coherence > 0.5:
+        units = Units(
+            gyro=UNIT_FACTORS["rad/s"][gyro_unit or "rad/s"],
+            accel=UNIT_FACTORS["m/s^2"][accel_unit],
+            gyro_bias=_gyro_bias(increments, up, turns if told_by_turns else None),
+            offset_s=turns.offset_s if turns is not None and told_by_turns else 0.0,
+        )
+        possible = ("NED",) if by_positions or log.velocity_ned is None else tuple(VELOCITY_FRAMES)
+        frames = find_frames(windows, increments, motion, units, velocity_frames=possible)
+    if frames is not None:
+        alignment, mounting, lever_found = _aligned(windows, increments, motion, units, frames, _noise(log), lever_arm)
+    return Look(
+        motion=motion,
+        windows=windows,
+        accel_norm=norm,
+        coherence=coherence,
+        accel_unit=accel_unit,
+        gyro_unit=gyro_unit,
+        up=up,
+        turns=turns if told_by_turns else None,
+        by_positions=by_positions,
+        positions_margin=positions_margin,
+        frames=frames,
+        alignment=alignment,
+        mounting=mounting,
+        lever_found=lever_found,
+        lever_told=lever_arm is not None,
+        velocity_derived=log.velocity_ned is None,
+    )
+
+
+def motion_of(log: Log) -> Motion:
+    """Return the GNSS velocities; derived from the positions where the log has none."""
+    data = log if log.velocity_ned is not None else velocity_from_position(log)
+    assert data.velocity_ned is not None  # noqa: S101 - for the type checker: derived above
+    whole = np.isfinite(data.velocity_ned).all(axis=1)
+    if whole.sum() < 2:
+        raise LogError("The log has fewer than two GNSS velocities; nothing can be found in it.")
+    velocity = data.velocity_ned[whole]
+    found = _velocity_noise(velocity)
+    told = data.velocity_std
+    rows = np.full((data.gnss_time.size, 3), np.nan)
+    if told is not None:
+        rows = np.repeat(told[:, None], 3, axis=1) if told.ndim == 1 else told
+    sigma = np.where(np.isfinite(rows[whole]) & (rows[whole] > 0.0), rows[whole], found)
+    return Motion(time=data.gnss_time[whole], velocity=velocity, sigma=np.maximum(sigma, 0.02))
+
+
+def _velocity_noise(velocity: FloatArray) -> float:
+    """Return the noise of the horizontal velocity from third differences, which motion hardly reaches, m/s."""
+    third = np.diff(velocity[:, :2], n=3, axis=0)
+    if third.size == 0:
+        return 0.1
+    return max(0.03, 1.4826 * float(np.median(np.abs(third))) / math.sqrt(20.0))
+
+
+def _by_positions(log: Log) -> tuple[str | None, float]:
+    """Return the frame of the velocities that the positions tell, and by how many sigmas."""
+    if log.velocity_ned is None or log.position_llh is None:
+        return None, 0.0
+    both = np.isfinite(log.velocity_ned).all(axis=1) & np.isfinite(log.position_llh).all(axis=1)
+    if both.sum() < 3:
+        return None, 0.0
+    position, velocity, time = log.position_llh[both], log.velocity_ned[both], log.gnss_time[both]
+    # Steps over about a second stand out of the noise of the positions.
+    stride = max(1, round(1.0 / float(np.median(np.diff(time)))))
+    time, position, velocity = time[::stride], position[::stride], velocity[::stride]
+    frame, margin = frame_by_positions(time, steps_ned(position), velocity, position)
+    return (frame, margin) if margin > 6.0 else (None, margin)
+
+
+def _noise(log: Log) -> float:
+    """Return the accelerometers' noise density with vibration, the file's unit per sqrt(Hz); of a short log, little."""
+    try:
+        return density(log.time, log.accel)
+    except LogError:
+        return 0.0
+
+
+def _gravity(increments: Increments) -> tuple[float, float, FloatArray]:
+    """Return median size, steadiness and mean direction of the specific force over blocks of a second."""
+    edges = np.arange(increments.time[0], increments.time[-1], BLOCK_S)
+    if edges.size < 2:
+        edges = increments.time[[0, -1]]
+    blocks = np.diff(increments.at(edges, angle=False), axis=0) / np.diff(edges)[:, None]
+    norms = np.linalg.norm(blocks, axis=1)
+    middle = float(np.median(norms))
+    sane = norms < 3.0 * middle
+    mean = blocks[sane].mean(axis=0) if sane.any() else np.array([0.0, 0.0, -1.0])
+    size = float(np.linalg.norm(mean))
+    return middle, size / middle if middle > 0.0 else 0.0, mean / size if size > 0.0 else np.array([0.0, 0.0, -1.0])
+
+
+def nearest_unit(factor: float, units: Mapping[str, float]) -> str | None:
+    """Return the unit whose factor is met within `UNIT_TOLERANCE`, None where none is."""
+    best = min(units, key=lambda name: abs(math.log(factor / units[name])))
+    return best if abs(math.log(factor / units[best])) < UNIT_TOLERANCE else None
+
+
+def _gyro_bias(increments: Increments, up: FloatArray, turns: Turns | None) -> FloatArray:
+    """Return the gyros' bias, raw unit: a vehicle does not roll away, and the course tells the vertical one.
+
+    What stands out of the up axis is fitted by a bias and a share of the turning, since up is not quite the axis.
+    """
+    edges = np.arange(increments.time[0], increments.time[-1], 2.0 * BLOCK_S)
+    if edges.size < 4:
+        return np.zeros(3)
+    rates = np.diff(increments.at(edges, angle=True), axis=0) / np.diff(edges)[:, None]
+    vertical = rates @ up
+    design = np.column_stack((np.ones_like(vertical), vertical))
+    level: FloatArray = np.linalg.lstsq(design, rates, rcond=None)[0][0]
+    level = level - up * float(level @ up)
+    return level + up * turns.bias if turns is not None else level
+
+
+def _aligned(
+    windows: Windows,
+    increments: Increments,
+    motion: Motion,
+    units: Units,
+    frames: Frames,
+    accel_noise: float,
+    lever_arm: Triple | None,
+) -> tuple[Alignment | None, Mounting | None, bool]:
+    """Fit clocks and lever arm with the signs and frames that were found."""
+    best = frames.hypothesis
+    turn = VELOCITY_FRAMES[best.velocity_frame]
+    ned = Motion(time=motion.time, velocity=motion.velocity @ turn.T, sigma=motion.sigma)
+    start = Start(
+        dcm_f_to_ned=frames.dcm_f_to_ned,
+        offset_s=units.offset_s,
+        gyro_scale=best.rate_sign * units.gyro,
+        gyro_bias=units.gyro_bias,
+        accel_scale=best.force_sign * units.accel,
+        accel_noise=accel_noise * units.accel,
+    )
+    plain = align(windows, increments, ned, start)
+    if plain is None:
+        return None, None, False
+    mounting = find_mounting(windows, ned, plain)
+    if lever_arm is not None:
+        if mounting is None or not mounting.decided:
+            return plain, mounting, False
+        lever = mounting.dcm_sensor_to_vehicle.T @ np.array(lever_arm)
+        told = align(windows, increments, ned, start, lever_arm=lever)
+        return told, None if told is None else find_mounting(windows, ned, told), False
+    free = align(windows, increments, ned, start, lever_std=3.0)
+    if free is None:
+        return plain, mounting, False
+    clear = (np.abs(free.lever_arm) > CLEAR_LEVER * free.lever_std) & (np.abs(free.lever_arm) > CLEAR_LEVER_M)
+    if not clear.any():
+        return plain, mounting, False
+    return free, find_mounting(windows, ned, free), True
