@@ -30,6 +30,7 @@ from levelhead.kernel import get_include
 from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.writers import write
+from levelhead.preflight import Preflight, Told, check
 from levelhead.sim import SensorModel, Truth, simulate
 from levelhead.version import __version__
 
@@ -50,15 +51,18 @@ __all__ = [
     "OutputError",
     "Phasor",
     "PhasorParams",
+    "Preflight",
     "ReferencePoint",
     "Result",
     "SensorModel",
     "Status",
+    "Told",
     "Truth",
     "TwoStage",
     "TwoStageParams",
     "UsageError",
     "__version__",
+    "check",
     "estimate",
     "get_include",
     "read",

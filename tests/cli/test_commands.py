@@ -113,7 +113,7 @@ def test_estimate_writes_what_the_contract_says(drive: Path, tmp_path: Path) -> 
     assert summary["log"]["completeness"] == "complete"
     assert summary["log"]["imu_rate_hz"] == pytest.approx(100.0)
     assert summary["known"] == {"gyro": [True, True, True], "accel": [True, True, True]}
-    assert set(summary["runtime_s"]) == {"read", "estimate", "report"}
+    assert set(summary["runtime_s"]) == {"read", "preflight", "estimate", "report"}
     in_memory = expected.summary()
     assert {k: v for k, v in summary.items() if k != "runtime_s"} == {
         k: v for k, v in json.loads(json.dumps(in_memory)).items() if k != "runtime_s"

@@ -13,9 +13,12 @@ from levelhead.cli.console import progress, say_error, terminal
 from levelhead.cli.options import (
     FormatOption,
     GnssOption,
+    ImuOption,
     LeverArmOption,
     MappingOption,
     MethodsOption,
+    PreflightOption,
+    checked,
     names_of,
     read_in_part,
     read_log,
@@ -30,8 +33,10 @@ def compare(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The drive's log: IMU and GNSS, or the IMU alone.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
     gnss: GnssOption = None,
+    imu: ImuOption = None,
     mapping: MappingOption = None,
     log_format: FormatOption = None,
+    preflight: PreflightOption = True,
     methods: MethodsOption = None,
     truth: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Truth of a simulated drive, as `simulate` writes it.")
@@ -40,7 +45,9 @@ def compare(
 ) -> None:
     """Run every method on one log; write comparison.json and comparison.html into DIR."""
     exact = None if truth is None else read_truth(truth)
-    data = read_log(log, gnss=gnss, mapping=mapping, log_format=log_format)
+    data = read_log(log, gnss=gnss, imu=imu, mapping=mapping, log_format=log_format)
+    if preflight:
+        data = checked(data)
     arm = vector(lever_arm, "--lever-arm")
     with progress(f"Comparing on {log.name}") as report:
         comparison = compare_methods(data, names_of(methods), truth=exact, lever_arm=arm, progress=report)

@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal
 import typer
 
 from levelhead.cli.console import progress, say_error, terminal
-from levelhead.cli.options import FormatOption, GnssOption, MappingOption, read_log
+from levelhead.cli.options import FormatOption, GnssOption, ImuOption, MappingOption, read_log
 from levelhead.errors import UsageError
 from levelhead.logs.log import Log
 from levelhead.logs.result_track import is_result, result_track
@@ -31,6 +31,7 @@ def convert(
         ),
     ],
     gnss: GnssOption = None,
+    imu: ImuOption = None,
     mapping: MappingOption = None,
     log_format: FormatOption = None,
     point: Annotated[
@@ -58,8 +59,8 @@ def convert(
                 f"{source.name} is a result, not a log; it becomes a track ({', '.join(TRACK_WRITERS)}). Convert the "
                 "log itself, or run estimate with --corrected."
             )
-        if any(option is not None for option in (gnss, mapping, log_format)):
-            raise UsageError(f"{source.name} is a result; --gnss, --mapping and --format go with a log.")
+        if any(option is not None for option in (gnss, imu, mapping, log_format)):
+            raise UsageError(f"{source.name} is a result; --gnss, --imu, --mapping and --format go with a log.")
         with progress(f"Reading {source.name}"):
             track = result_track(source, point)
         _write_track(track, output, RESULT_EVERY_S if every is None else every)
@@ -68,7 +69,7 @@ def convert(
         raise UsageError(f"{source.name} is not a result.parquet; --point goes with one.")
     if every is not None and output.suffix in SUFFIXES:
         raise UsageError(f"{output.name} is a log, which keeps all samples; --every goes with a track.")
-    log = read_log(source, gnss=gnss, mapping=mapping, log_format=log_format)
+    log = read_log(source, gnss=gnss, imu=imu, mapping=mapping, log_format=log_format)
     if output.suffix in TRACK_WRITERS:
         _write_track(track_of_log(log), output, every or 0.0)
     else:

@@ -13,14 +13,24 @@ from levelhead.analysis.estimation import DEFAULT_METHOD
 from levelhead.analysis.estimation import estimate as estimate_log
 from levelhead.cli.console import progress, say_error, show_result, terminal
 from levelhead.cli.options import (
+    AccelUnitOption,
+    AxesOption,
     FormatOption,
     GnssOption,
     GradeOption,
+    GyroUnitOption,
+    ImuOption,
+    LatencyOption,
     LeverArmOption,
     MappingOption,
+    MountingYawOption,
+    PreflightOption,
     RearAxleOption,
     ReferencePointOption,
+    VelocityFrameOption,
+    checked,
     read_log,
+    told_of,
     vector,
 )
 from levelhead.cli.settings import load_params
@@ -28,6 +38,7 @@ from levelhead.errors import LevelheadError, UsageError
 from levelhead.estimators import METHODS
 from levelhead.estimators.params import MethodParams, Triple
 from levelhead.logs.writers import write
+from levelhead.preflight import Told
 from levelhead.report.files import make_folder, write_report, write_result, write_summary
 
 PARTLY_READ = 3
@@ -44,6 +55,17 @@ class Wanted:
     rear_axle: Triple | None
     reference_point: Triple | None
     corrected: str | None
+    told: Told | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files:
+    """Where the readings are, besides the log itself."""
+
+    gnss: str | None
+    imu: str | None
+    mapping: Path | None
+    log_format: str | None
 
 
 def estimate(
@@ -52,6 +74,7 @@ def estimate(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
     gnss: GnssOption = None,
+    imu: ImuOption = None,
     mapping: MappingOption = None,
     log_format: FormatOption = None,
     method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = DEFAULT_METHOD,
@@ -63,25 +86,46 @@ def estimate(
     corrected: Annotated[
         Literal["parquet", "csv"] | None, typer.Option(help="Also write the log with the biases taken off.")
     ] = None,
+    preflight: PreflightOption = True,
+    axes: AxesOption = None,
+    gyro_unit: GyroUnitOption = None,
+    accel_unit: AccelUnitOption = None,
+    velocity_frame: VelocityFrameOption = None,
+    latency: LatencyOption = None,
+    mounting_yaw: MountingYawOption = None,
 ) -> None:
     """Estimate biases, roll, pitch and heading; write summary.json, result.parquet and report.html into DIR."""
-    if len(logs) > 1 and gnss is not None:
+    if len(logs) > 1 and gnss is not None and Path(gnss).exists():
         raise UsageError("--gnss goes with one IMU file; run the command once per drive.")
+    arm = vector(lever_arm, "--lever-arm")
+    told = told_of(
+        axes=axes,
+        gyro_unit=gyro_unit,
+        accel_unit=accel_unit,
+        velocity_frame=velocity_frame,
+        latency=latency,
+        mounting_yaw=mounting_yaw,
+        lever_arm=arm,
+    )
+    if not preflight and replace(told, lever_arm=None) != Told():
+        raise UsageError("--no-preflight takes the log as it is; leave out --axes, --latency and the like, or it.")
     folders = [output] if len(logs) == 1 else [output / name for name in _names(logs)]
     constants = load_params(method, params)
     wanted = Wanted(
         method=method,
         constants=constants,
         grade=grade,
-        lever_arm=vector(lever_arm, "--lever-arm"),
+        lever_arm=arm,
         rear_axle=vector(rear_axle, "--rear-axle"),
         reference_point=vector(reference_point, "--reference-point"),
         corrected=corrected,
+        told=told if preflight else None,
     )
+    files = Files(gnss=gnss, imu=imu, mapping=mapping, log_format=log_format)
     codes = []
     for path, folder in zip(logs, folders, strict=True):
         try:
-            codes.append(_one(path, folder, gnss, mapping, log_format, wanted))
+            codes.append(_one(path, folder, files, wanted))
         except LevelheadError as error:
             if len(logs) == 1:
                 raise
@@ -90,18 +134,14 @@ def estimate(
     raise typer.Exit(max(codes))
 
 
-def _one(
-    path: Path,
-    folder: Path,
-    gnss: Path | None,
-    mapping: Path | None,
-    log_format: str | None,
-    wanted: Wanted,
-) -> int:
+def _one(path: Path, folder: Path, files: Files, wanted: Wanted) -> int:
     """Run one drive and return its exit code."""
     begin = perf_counter()
-    log = read_log(path, gnss=gnss, mapping=mapping, log_format=log_format)
+    log = read_log(path, gnss=files.gnss, imu=files.imu, mapping=files.mapping, log_format=files.log_format)
     read_done = perf_counter()
+    if wanted.told is not None:
+        log = checked(log, wanted.told)
+    check_done = perf_counter()
     with progress(f"Estimating {path.name}") as report:
         result = estimate_log(
             log,
@@ -116,7 +156,7 @@ def _one(
     estimated = perf_counter()
     make_folder(folder)
     write_result(result, folder / "result.parquet")
-    result = replace(result, runtime_s={"read": read_done - begin, "estimate": estimated - read_done})
+    result = replace(result, runtime_s=_runtime(begin, read_done, check_done, estimated))
     write_report(result, folder / "report.html", title=path.name)
     runtime = {**result.runtime_s, "report": perf_counter() - estimated}
     result = replace(result, runtime_s=runtime)
@@ -129,6 +169,11 @@ def _one(
         say_error(f"{path.name} was read only in part ({result.log_info.get('completeness')}); the results are marked.")
         return PARTLY_READ
     return 0
+
+
+def _runtime(begin: float, read_done: float, check_done: float, estimated: float) -> dict[str, float]:
+    """Return what each step took, s."""
+    return {"read": read_done - begin, "preflight": check_done - read_done, "estimate": estimated - check_done}
 
 
 def _names(logs: list[Path]) -> list[str]:

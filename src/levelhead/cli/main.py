@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from levelhead.cli import compare, convert, demo, estimate, simulate, tune, validate
+from levelhead.cli import check, compare, convert, demo, estimate, simulate, tune, validate
 from levelhead.cli.console import say_error
 from levelhead.errors import LevelheadError
 from levelhead.version import __version__
@@ -23,6 +23,7 @@ app = typer.Typer(
 )
 app.command()(demo.demo)
 app.command()(estimate.estimate)
+app.command()(check.check)
 app.command()(compare.compare)
 app.command()(tune.tune)
 app.command()(validate.validate)

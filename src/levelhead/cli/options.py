@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from levelhead.cli.console import progress, say_error
+from levelhead.conventions import UNIT_FACTORS
 from levelhead.errors import LogError, UsageError
 from levelhead.estimators import METHODS
-from levelhead.estimators.params import NOISE_PRESETS
+from levelhead.estimators.params import NOISE_PRESETS, Triple
 from levelhead.logs.log import Log
 from levelhead.logs.readers import READERS, read
+from levelhead.preflight import Told, check
 
 GnssOption = Annotated[
-    Path | None, typer.Option("--gnss", metavar="FILE", help="GNSS file where the log holds only the IMU.")
+    str | None,
+    typer.Option(
+        "--gnss", metavar="FILE|NAME", help="GNSS file where the log holds only the IMU; or one of its receivers."
+    ),
 ]
+ImuOption = Annotated[str | None, typer.Option("--imu", metavar="NAME", help="One of several IMUs in the log.")]
 MappingOption = Annotated[
     Path | None, typer.Option("--mapping", metavar="FILE.toml", help="Columns, units and axes of a CSV of your own.")
 ]
@@ -30,8 +37,6 @@ FormatOption = Annotated[
 LeverArmOption = Annotated[
     str | None, typer.Option(metavar="X,Y,Z", help="From the IMU to the antenna, m: forward,right,down.")
 ]
-
-
 RearAxleOption = Annotated[
     str | None,
     typer.Option(metavar="X,Y,Z", help="From the IMU to the axle that does not steer, m: it does not slide sideways."),
@@ -43,12 +48,58 @@ ReferencePointOption = Annotated[
 GradeOption = Annotated[
     str | None, typer.Option(help=f"Grade of the sensors, instead of --params: {', '.join(NOISE_PRESETS)}.")
 ]
+PreflightOption = Annotated[
+    bool, typer.Option(help="Find units, axes, frames, clocks and mounting first, and put right what is certain.")
+]
+AxesOption = Annotated[
+    str | None, typer.Option(metavar="F,R,D", help="Forward, right, down as axes of the file: -x,y,-z.")
+]
+GyroUnitOption = Annotated[str | None, typer.Option(help=f"One of: {', '.join(UNIT_FACTORS['rad/s'])}.")]
+AccelUnitOption = Annotated[str | None, typer.Option(help=f"One of: {', '.join(UNIT_FACTORS['m/s^2'])}.")]
+VelocityFrameOption = Annotated[str | None, typer.Option(help="Of the GNSS velocity: NED, ENU, NEU or ECEF.")]
+LatencyOption = Annotated[
+    float | None, typer.Option(metavar="SECONDS", help="How much later than the IMU's the GNSS stamps are.")
+]
+MountingYawOption = Annotated[
+    float | None,
+    typer.Option(metavar="DEG", help="How far the IMU's forward axis points to the right of the vehicle's."),
+]
 
 
-def read_log(path: Path, *, gnss: Path | None, mapping: Path | None, log_format: str | None) -> Log:
+def read_log(
+    path: Path, *, gnss: str | None, mapping: Path | None, log_format: str | None, imu: str | None = None
+) -> Log:
     """Read a log with a word on the terminal while it takes its time."""
     with progress(f"Reading {path.name}"):
-        return read(path, format=log_format, gnss=gnss, mapping=mapping)
+        return read(path, format=log_format, gnss=gnss, imu=imu, mapping=mapping)
+
+
+def checked(log: Log, told: Told | None = None) -> Log:
+    """Return a log with what the preflight finds put right; a LogError says what to pass where it cannot be trusted."""
+    with progress("Checking units, axes, frames, clocks and mounting"):
+        return check(log, told=told).trusted()
+
+
+def told_of(
+    *,
+    axes: str | None = None,
+    gyro_unit: str | None = None,
+    accel_unit: str | None = None,
+    velocity_frame: str | None = None,
+    latency: float | None = None,
+    mounting_yaw: float | None = None,
+    lever_arm: Triple | None = None,
+) -> Told:
+    """Return what the options say of a log."""
+    return Told(
+        axes=axes,
+        gyro_unit=gyro_unit,
+        accel_unit=accel_unit,
+        velocity_frame=velocity_frame,
+        latency_s=latency,
+        mounting_yaw=None if mounting_yaw is None else math.radians(mounting_yaw),
+        lever_arm=lever_arm,
+    )
 
 
 def read_in_part(log: Log, name: str) -> int:

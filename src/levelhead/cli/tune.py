@@ -15,7 +15,16 @@ from levelhead.analysis.tuning import TUNABLE, measure_noise, propose
 from levelhead.atomic import atomic_path
 from levelhead.cli.analyses import DEG, number, plain_table
 from levelhead.cli.console import progress, terminal
-from levelhead.cli.options import FormatOption, GnssOption, MappingOption, read_in_part, read_log
+from levelhead.cli.options import (
+    FormatOption,
+    GnssOption,
+    ImuOption,
+    MappingOption,
+    PreflightOption,
+    checked,
+    read_in_part,
+    read_log,
+)
 from levelhead.estimators import METHODS
 from levelhead.estimators.params import FilterParams, MethodParams, NoiseParams
 from levelhead.logs.derive import velocity_from_position
@@ -41,11 +50,15 @@ def tune(
         Path | None, typer.Option("-o", "--output", metavar="FILE.toml", help="Write the constants, for --params.")
     ] = None,
     gnss: GnssOption = None,
+    imu: ImuOption = None,
     mapping: MappingOption = None,
     log_format: FormatOption = None,
+    preflight: PreflightOption = True,
 ) -> None:
     """Measure the noise in a log and propose constants for every method, with the sigma that they promise."""
-    data = read_log(log, gnss=gnss, mapping=mapping, log_format=log_format)
+    data = read_log(log, gnss=gnss, imu=imu, mapping=mapping, log_format=log_format)
+    if preflight:
+        data = checked(data)
     drive = data if data.velocity_ned is not None else velocity_from_position(data)
     proposals = []
     with progress(f"Tuning on {log.name}") as report:

@@ -16,8 +16,11 @@ from levelhead.cli.console import progress, terminal
 from levelhead.cli.options import (
     FormatOption,
     GnssOption,
+    ImuOption,
     LeverArmOption,
     MappingOption,
+    PreflightOption,
+    checked,
     read_in_part,
     read_log,
     vector,
@@ -35,8 +38,10 @@ def validate(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The drive's log: IMU and GNSS, or the IMU alone.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
     gnss: GnssOption = None,
+    imu: ImuOption = None,
     mapping: MappingOption = None,
     log_format: FormatOption = None,
+    preflight: PreflightOption = True,
     method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = DEFAULT_METHOD,
     params: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Constants of the method.")] = None,
     lever_arm: LeverArmOption = None,
@@ -49,7 +54,9 @@ def validate(
     arm = vector(lever_arm, "--lever-arm")
     if outages != 0.0:
         check_length(outages)  # before the minutes that the rest may take
-    data = read_log(log, gnss=gnss, mapping=mapping, log_format=log_format)
+    data = read_log(log, gnss=gnss, imu=imu, mapping=mapping, log_format=log_format)
+    if preflight:
+        data = checked(data)
     with progress(f"Adding biases to {log.name}") as report:
         validation = validate_method(data, method, params=constants, lever_arm=arm, progress=report)
     with progress("Changing the constants") as report:

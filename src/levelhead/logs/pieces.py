@@ -85,6 +85,8 @@ class Pieces:
         Where the IMU's readings already have biases taken off: by what, and what an estimate then means. A sentence.
     undeclared : tuple of Fact
         What neither the format nor the file says of its data.
+    assumed : tuple of Fact
+        What only the rules of the canonical log say: who writes one may have missed them.
     """
 
     imu: ImuData | None = None
@@ -96,6 +98,7 @@ class Pieces:
     streams: tuple[Stream, ...] = ()
     compensated: str = ""
     undeclared: tuple[Fact, ...] = ()
+    assumed: tuple[Fact, ...] = ()
     damaged: str = ""
 
 

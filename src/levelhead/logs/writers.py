@@ -25,7 +25,7 @@ from levelhead.conventions import (
 )
 from levelhead.errors import UsageError
 from levelhead.logs.log import Log
-from levelhead.logs.readers.canonical_parquet import EARTH_KEY, EPOCH_KEY, TEXT_KEYS, UNIT_KEY
+from levelhead.logs.readers.canonical_parquet import EARTH_KEY, EPOCH_KEY, FRAMES, FRAMES_KEY, TEXT_KEYS, UNIT_KEY
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -46,7 +46,7 @@ def write(log: Log, path: str | os.PathLike[str]) -> None:
     Reading the file gives the same numbers to the bit, latitude and longitude (degrees in the file) to 2 units in
     the last place. The canonical log has one deviation per epoch: of three components the root mean square of the
     horizontal two is written. Of ``meta``, ``epoch``, ``gnss_time_scale``, ``datum``, ``height`` and
-    ``earth_rotation`` are kept in Parquet; CSV has no place for them.
+    ``earth_rotation`` are kept in Parquet, and whether axes and frames are known; CSV has no place for them.
 
     Parameters
     ----------
@@ -78,6 +78,8 @@ def _metadata(meta: Mapping[str, object]) -> dict[bytes, bytes]:
     metadata = {EPOCH_KEY: repr(float(epoch)).encode()} if isinstance(epoch, int | float) else {}
     if not meta.get("earth_rotation", True):
         metadata[EARTH_KEY] = b"false"
+    if "preflight" in meta or not any(fact in meta for fact in ("undeclared", "assumed")):
+        metadata[FRAMES_KEY] = FRAMES.encode()
     for name, key in TEXT_KEYS.items():
         if isinstance(meta.get(name), str):
             metadata[key] = str(meta[name]).encode()

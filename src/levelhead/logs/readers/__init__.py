@@ -66,8 +66,8 @@ def read(
         ``meta`` has ``source``, ``format`` and ``completeness`` (and ``gnss_source``, ``gnss_format`` with two
         files), ``datum`` and, where a file declares it, ``height`` (see `levelhead.logs.datum`), and ``epoch``, the
         reading of the file's clock at the log's zero, where the clock was foreign; ``streams``, what there was to
-        choose from; ``compensated``, where biases were taken off before recording, by what; ``undeclared``, what must
-        be found in the data (see `levelhead.logs.pieces`).
+        choose from; ``compensated``, where biases were taken off before recording, by what; ``undeclared`` and
+        ``assumed``, what must be found in the data (see `levelhead.logs.pieces`).
 
     Raises
     ------
@@ -126,7 +126,8 @@ def _known(parts: tuple[Pieces, ...]) -> dict[str, object]:
     streams = tuple(stream for p in parts for stream in p.streams)
     compensated = " ".join(p.compensated for p in parts if p.compensated)
     undeclared = tuple(fact for fact in FACTS if any(fact in p.undeclared for p in parts))
-    entries = {"streams": streams, "compensated": compensated, "undeclared": undeclared}
+    assumed = tuple(fact for fact in FACTS if fact not in undeclared and any(fact in p.assumed for p in parts))
+    entries = {"streams": streams, "compensated": compensated, "undeclared": undeclared, "assumed": assumed}
     return {**meta, **{name: value for name, value in entries.items() if value}}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -9,7 +10,7 @@ from levelhead.conventions import CANONICAL_UNITS, TIME_COLUMN
 from levelhead.errors import LogError
 from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source, Table
-from levelhead.logs.readers.columns import find_columns, pieces_from_table, split_unit
+from levelhead.logs.readers.columns import assumed_facts, find_columns, pieces_from_table, split_unit
 from levelhead.logs.readers.csv_table import find_layout, is_text, read_numbers
 
 
@@ -38,7 +39,8 @@ def read(source: Source) -> Pieces:
     columns = find_columns(path.name, layout.names, [None] * len(layout.names), role=source.role)
     numbers = read_numbers(path, content, layout, {c: k.index for c, k in columns.items()}, time_column=TIME_COLUMN)
     scaled = {c: values * columns[c].factor for c, values in numbers.columns.items()}
-    return pieces_from_table(Table(name=path.name, columns=scaled, where=numbers.where, left_out=numbers.left_out))
+    pieces = pieces_from_table(Table(name=path.name, columns=scaled, where=numbers.where, left_out=numbers.left_out))
+    return replace(pieces, assumed=assumed_facts(columns))
 
 
 READER: Final = Reader(name="csv", title="canonical CSV", sniff=sniff, read=read)

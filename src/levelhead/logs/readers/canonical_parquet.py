@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -11,7 +12,7 @@ from levelhead.errors import LogError
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, declared
 from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source, Table
-from levelhead.logs.readers.columns import find_columns, pieces_from_table
+from levelhead.logs.readers.columns import assumed_facts, find_columns, pieces_from_table
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
@@ -22,6 +23,9 @@ EPOCH_KEY: Final = b"levelhead.epoch"
 """Table metadata: ``meta["epoch"]`` of the log that was written."""
 EARTH_KEY: Final = b"levelhead.earth_rotation"
 """Table metadata: "false" in a simulated log whose Earth stands still."""
+FRAMES_KEY: Final = b"levelhead.frames"
+"""Table metadata: `FRAMES` where whoever wrote the log knew that its axes and velocities are these."""
+FRAMES: Final = "FRD, NED"
 TEXT_KEYS: Final = {"datum": b"datum", "height": b"height", "gnss_time_scale": b"levelhead.gnss_time_scale"}
 """Entries of `Log.meta` that are text, and the table metadata that keep them; who writes a log may declare the first
 two (see `levelhead.logs.datum`)."""
@@ -87,7 +91,8 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}"))
     scaled.clear()
     pa.default_memory_pool().release_unused()
-    return Pieces(imu=pieces.imu, gnss=pieces.gnss, meta=meta)
+    assumed = assumed_facts(columns, frames_declared=_decoded((schema.metadata or {}).get(FRAMES_KEY)) == FRAMES)
+    return replace(pieces, meta=meta, assumed=assumed)
 
 
 def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:

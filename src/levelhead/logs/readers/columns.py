@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,7 +25,7 @@ from levelhead.conventions import (
     FloatArray,
 )
 from levelhead.errors import LogError
-from levelhead.logs.pieces import GnssData, ImuData, Pieces, none_if_absent
+from levelhead.logs.pieces import Fact, GnssData, ImuData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Role, Table
 
 BoolArray = NDArray[np.bool_]
@@ -40,10 +40,11 @@ MAX_NAMES_SHOWN: Final = 16
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """Where a canonical column is found in a file, and the factor that turns it into its canonical unit."""
+    """Where a canonical column is found in a file, the factor to its canonical unit, and whether the file says so."""
 
     index: int
     factor: float
+    declared: bool = True
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
@@ -95,7 +96,7 @@ def find_columns(name: str, headers: Sequence[str], units: Sequence[str | None],
             skipped.add(column)
             continue
         factor = 1.0 if unit is None else unit_factor(column, unit, where=name)
-        found[column] = Column(index=index, factor=factor)
+        found[column] = Column(index=index, factor=factor, declared=unit is not None)
     _require(name, headers, found, (TIME_COLUMN,))
     _refuse_alone(name, found.keys() | skipped)
     if any(c in found for c in IMU_COLUMNS) or not any(c in found for c in GNSS_COLUMNS):
@@ -104,6 +105,17 @@ def find_columns(name: str, headers: Sequence[str], units: Sequence[str | None],
         if any(c in found for c in group):
             _require(name, headers, found, group)
     return found
+
+
+def assumed_facts(columns: Mapping[str, Column], *, frames_declared: bool = False) -> tuple[Fact, ...]:
+    """Return what the canonical log's rules say of a file, and the file itself does not."""
+    facts: list[Fact] = []
+    units: tuple[tuple[Fact, tuple[str, ...]], ...] = (("gyro_unit", GYRO_COLUMNS), ("accel_unit", ACCEL_COLUMNS))
+    facts += [fact for fact, names in units if any(c in columns and not columns[c].declared for c in names)]
+    if not frames_declared:
+        frames: tuple[tuple[Fact, str], ...] = (("axes", GYRO_COLUMNS[0]), ("velocity_frame", VELOCITY_COLUMNS[0]))
+        facts += [fact for fact, name in frames if name in columns]
+    return tuple(facts)
 
 
 def _refuse_alone(name: str, columns: Set[str]) -> None:
