@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from levelhead.conventions import GRAVITY, FloatArray
 from levelhead.preflight.windows import (
@@ -36,6 +37,10 @@ GYRO_BIAS_STD: Final = np.radians(0.5)
 OFFSET_STD: Final = 1.0
 """One sigma of how far the clocks are from where the turns put them, s."""
 ROUNDS: Final = 4
+LINK_STD: Final = np.radians(0.1)
+"""One sigma of the heading that the gyros carry from a window to the next, rad: noise of a consumer gyro over 20 s."""
+SCALE_STD: Final = 0.003
+"""One sigma of a gyro's scale."""
 OUTLIER: Final = 4.0
 """Windows whose residual is so many times the median's do not count: GNSS jumped, or the gyros did."""
 
@@ -148,7 +153,7 @@ def align(
         problem = _linearised(windows, increments, motion, replace(start, dcm_f_to_ned=dcm), common)
         step = _solve(problem, expected - common, prior_std, used)
         common = common + step.common
-        dcm = rotations(step.local[:, 3:]) @ dcm
+        dcm = rotations(step.turn) @ dcm
         used = lively & (step.residual < OUTLIER * np.median(step.residual[used]))
     std = np.sqrt(np.diag(step.covariance))
     return Alignment(
@@ -174,13 +179,25 @@ class _Problem:
     common: FloatArray
     target: FloatArray
     attitude: FloatArray
+    links: _Links
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Links:
+    """What the gyros say of the headings of windows that follow on each other, and the gyro biases' part in it."""
+
+    earlier: NDArray[np.intp]
+    later: NDArray[np.intp]
+    mismatch: FloatArray
+    sigma: FloatArray
+    bias: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Step:
     common: FloatArray
     covariance: FloatArray
-    local: FloatArray
+    turn: FloatArray
     attitude_std: FloatArray
     residual: FloatArray
     offsets: FloatArray
@@ -227,7 +244,30 @@ def _linearised(windows: Windows, increments: Increments, motion: Motion, start:
     target = motion.velocity[index] - expected
     rows = np.concatenate((local, *columns, target[..., None]), axis=-1)
     rows = _whitened(np.nan_to_num(rows), known, elapsed, motion.sigma[index], 0.5 * start.accel_noise**2)
-    return _Problem(local=rows[..., :6], common=rows[..., 6:-1], target=rows[..., -1], attitude=attitude)
+    return _Problem(
+        local=rows[..., :6],
+        common=rows[..., 6:-1],
+        target=rows[..., -1],
+        attitude=attitude,
+        links=_links(windows, attitude, lain, start),
+    )
+
+
+def _links(windows: Windows, attitude: FloatArray, lain: FloatArray, start: Start) -> _Links:
+    """Compare the headings of windows that follow on each other with what the gyros turned in between."""
+    apart = np.diff(windows.start)
+    earlier = np.flatnonzero(apart <= windows.offsets[-1])
+    node = np.rint(apart[earlier] / windows.offsets[1]).astype(np.intp)
+    carried = start.dcm_f_to_ned[earlier] @ attitude[earlier, node]
+    missed = start.dcm_f_to_ned[earlier + 1] @ carried.swapaxes(-1, -2)
+    turned_by = np.arccos(np.clip(0.5 * (np.trace(attitude[earlier, node], axis1=1, axis2=2) - 1.0), -1.0, 1.0))
+    return _Links(
+        earlier=earlier,
+        later=earlier + 1,
+        mismatch=0.5 * (missed[:, 1, 0] - missed[:, 0, 1]),
+        sigma=np.hypot(LINK_STD, SCALE_STD * turned_by),
+        bias=(start.dcm_f_to_ned[earlier] @ lain[earlier, node])[:, 2],
+    )
 
 
 def _whitened(rows: FloatArray, known: BoolArray, elapsed: FloatArray, sigma: FloatArray, walk: float) -> FloatArray:
@@ -254,41 +294,92 @@ def _whitened(rows: FloatArray, known: BoolArray, elapsed: FloatArray, sigma: Fl
 
 
 def _solve(problem: _Problem, to_prior: FloatArray, prior_std: FloatArray, used: BoolArray) -> _Step:
+    """Solve for the common unknowns and the windows' headings, all others eliminated window by window."""
     count = problem.local.shape[0]
-    a = problem.local.reshape(count, -1, 6)
-    b = problem.common.reshape(count, -1, COMMON)
+    a = problem.local[..., :5].reshape(count, -1, 5)
+    b = np.concatenate((problem.common, problem.local[..., 5:]), axis=-1).reshape(count, -1, COMMON + 1)
     y = problem.target.reshape(count, -1)
     at = a.transpose(0, 2, 1)
-    own = np.linalg.inv(at @ a + 1e-9 * np.eye(6))
-    # What is left of the common columns and of the target once the window's own unknowns have taken their part.
+    own = np.linalg.inv(at @ a + 1e-9 * np.eye(5))
+    # What is left of the columns and of the target once the window's own unknowns have taken their part.
     b_left = b - a @ (own @ (at @ b))
     y_left = y - (a @ (own @ (at @ y[..., None])))[..., 0]
+    freedom = np.maximum((y != 0.0).sum(axis=1) - 6, 1)
     normals = b_left.transpose(0, 2, 1) @ b_left
     scores = (b_left.transpose(0, 2, 1) @ y_left[..., None])[..., 0]
-    freedom = np.maximum((y != 0.0).sum(axis=1) - 6, 1)
-    spread = float(np.median((y_left**2).sum(axis=1) / freedom))  # of the first guess: only to weigh the priors
-    prior = np.diag(max(spread, 1e-12) / prior_std**2)
-    normal = normals[used].sum(axis=0) + prior
-    inverse = np.linalg.inv(normal)
-    step = inverse @ (scores[used].sum(axis=0) + prior @ to_prior)
-    left = y_left - (b_left @ step[:, None])[..., 0]
+    prior = np.diag(1.0 / prior_std**2)
+    total, right = _assembled(normals, scores, used)
+    total[:COMMON, :COMMON] += prior
+    right[:COMMON] += prior @ to_prior
+    rows, missed = _link_rows(problem.links, used, total.shape[0])
+    inverse = np.linalg.inv(total + rows.T @ rows)
+    solution = inverse @ (right + rows.T @ missed)
+    step, turn = solution[:COMMON], np.where(used, solution[COMMON:], 0.0)
+    both = np.concatenate((np.broadcast_to(step, (count, COMMON)), turn[:, None]), axis=1)
+    left = y_left - (b_left @ both[..., None])[..., 0]
     residual = np.sqrt((left**2).sum(axis=1) / freedom)
     variance = float(np.median(residual[used] ** 2))
-    # Residuals of a window hang together (vibration adds up in the velocity): the windows' scores tell how much.
-    per_window = (b_left.transpose(0, 2, 1) @ left[..., None])[..., 0][used]
-    covariance = inverse @ (per_window.T @ per_window + variance * prior) @ inverse + variance * inverse
-    own_step = (own @ (at @ (y - (b @ step[:, None])[..., 0])[..., None]))[..., 0]
-    attitude_std = np.sqrt(np.diagonal(own, axis1=1, axis2=2)[:, 3:]) * np.maximum(residual, np.sqrt(variance))[:, None]
-    alone = normals[:, OFFSET, OFFSET] + 1e-9
+    # Residuals of a window hang together, whatever is modelled: the windows' own scores tell how much.
+    each = (b_left.transpose(0, 2, 1) @ left[..., None])[..., 0] * used[:, None]
+    spread = np.zeros((count, total.shape[0]))
+    spread[:, :COMMON] = each[:, :COMMON]
+    spread[np.arange(count), COMMON + np.arange(count)] = each[:, COMMON]
+    voices = max(float(used.sum()), 1.0)
+    few = 1.0 + 4.0 / voices  # few windows agree by chance
+    covariance = inverse @ (few * (spread.T @ spread) + _padded(prior, total.shape[0])) @ inverse
+    covariance += variance * inverse
+    own_step = (own @ (at @ (y - (b @ both[..., None])[..., 0])[..., None]))[..., 0]
+    tilt_std = np.sqrt(np.diagonal(own, axis1=1, axis2=2)[:, 3:])
+    heading_std = np.sqrt(np.diag(covariance)[COMMON:])
+    alone = normals[:, OFFSET, OFFSET] - normals[:, OFFSET, COMMON] ** 2 / (normals[:, COMMON, COMMON] + 1e-9) + 1e-9
+    mixed = (
+        b_left[..., OFFSET]
+        - b_left[..., COMMON] * (normals[:, OFFSET, COMMON] / (normals[:, COMMON, COMMON] + 1e-9))[:, None]
+    )
     return _Step(
         common=step,
-        covariance=covariance,
-        local=own_step,
-        attitude_std=attitude_std,
+        covariance=covariance[:COMMON, :COMMON],
+        turn=np.column_stack((own_step[:, 3:], turn)),
+        attitude_std=np.column_stack((tilt_std * np.maximum(residual, 1.0)[:, None], heading_std)),
         residual=residual,
-        offsets=(b_left[..., OFFSET] * left).sum(axis=1) / alone,
-        offsets_std=residual / np.sqrt(alone),
+        offsets=(mixed * left).sum(axis=1) / alone,
+        offsets_std=np.maximum(residual, 1.0) / np.sqrt(alone),
     )
+
+
+def _assembled(normals: FloatArray, scores: FloatArray, used: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations of the common unknowns and one heading per window, from the windows' own."""
+    count = used.size
+    total = np.zeros((COMMON + count, COMMON + count))
+    right = np.zeros(COMMON + count)
+    total[:COMMON, :COMMON] = normals[used, :COMMON, :COMMON].sum(axis=0)
+    right[:COMMON] = scores[used, :COMMON].sum(axis=0)
+    mixed = normals[:, :COMMON, COMMON] * used[:, None]
+    total[:COMMON, COMMON:] = mixed.T
+    total[COMMON:, :COMMON] = mixed
+    # A window that does not count keeps its heading, loosely.
+    total[COMMON:, COMMON:] = np.diag(np.where(used, normals[:, COMMON, COMMON], 0.0) + 1e-3)
+    right[COMMON:] = np.where(used, scores[:, COMMON], 0.0)
+    return total, right
+
+
+def _link_rows(links: _Links, used: BoolArray, size: int) -> tuple[FloatArray, FloatArray]:
+    """Return the rows, in sigmas, that tie the headings of neighbouring windows together, and what they miss."""
+    both = used[links.earlier] & used[links.later]
+    earlier, later, sigma = links.earlier[both], links.later[both], links.sigma[both]
+    rows = np.zeros((earlier.size, size))
+    index = np.arange(earlier.size)
+    rows[index, COMMON + later] = 1.0 / sigma
+    rows[index, COMMON + earlier] = -1.0 / sigma
+    rows[:, GYRO] = links.bias[both] / sigma[:, None]
+    return rows, -links.mismatch[both] / sigma
+
+
+def _padded(prior: FloatArray, size: int) -> FloatArray:
+    """Return the prior of the common unknowns as a matrix of all."""
+    padded = np.zeros((size, size))
+    padded[:COMMON, :COMMON] = prior
+    return padded
 
 
 def _summed(steps: FloatArray) -> FloatArray:

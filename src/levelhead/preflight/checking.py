@@ -93,7 +93,7 @@ def check(log: Log, *, told: Told | None = None) -> Preflight:
     claims = decide.Claims.of(log.meta, _told_facts(told))
     given = told_corrections(told)
     start = given.apply(log)
-    look = look_at(start, lever_arm=told.lever_arm)
+    look = look_at(start, lever_arm=told.lever_arm, frame_told=told.velocity_frame is not None)
     findings, found = _decisions(start, look, claims)
     if told.latency_s is not None:
         found, findings = _latency_as_told(found, findings)

@@ -32,6 +32,8 @@ DECIDED: Final = 20.0
 they are not, and that is why it is not 5."""
 WINDOW_WORTH: Final = 8.0
 """Log-likelihood that one window may add at most: no single stretch of the drive decides alone."""
+PLAINER: Final = 2.0
+"""By how much odder a reading that fits as well must be to be left out (see `Hypothesis.oddity`)."""
 INDEPENDENT_S: Final = 2.0
 """Residuals further apart than this are taken as independent, s: tilt and vibration hang together for about so long."""
 
@@ -45,11 +47,14 @@ class Hypothesis:
     velocity_frame: str
 
     @property
-    def faults(self) -> int:
-        """How many things would have to be wrong in the log; both signs together are one, mirrored axes."""
-        mirrored = self.force_sign < 0 and self.rate_sign < 0
-        signs = 1 if mirrored else (self.force_sign < 0) + (self.rate_sign < 0)
-        return signs + (self.velocity_frame != "NED")
+    def oddity(self) -> float:
+        """How much would have to be wrong in the log, so that of two readings that fit alike the plainer one counts.
+
+        Mirrored axes are common (two columns swapped), so are velocities in ENU; a sign of the force that is turned
+        round and velocities in NEU are rarer, gyros that turn the wrong way alone are hardly ever seen.
+        """
+        signs = {(1, 1): 0.0, (-1, -1): 1.0, (-1, 1): 1.5, (1, -1): 3.0}[self.force_sign, self.rate_sign]
+        return signs + {"NED": 0.0, "ENU": 1.0, "NEU": 1.5}[self.velocity_frame]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +67,7 @@ class Frames:
     margin : float
         Log-likelihood by which it leads the best of those that say something else; `DECIDED` is enough.
     alternatives : tuple of Hypothesis
-        Others that the data cannot tell from it, with as few faults: not decided if there is one.
+        Others that the data cannot tell from it and that are not much odder: not decided if there is one.
     dcm_f_to_ned : ndarray, shape (w, 3, 3)
         The rotation of each window's frame F to NED.
     windows : int
@@ -143,15 +148,14 @@ def _judge(fits: dict[Hypothesis, tuple[FloatArray, FloatArray]], independent: F
         floor = 1e-12 + best
         return np.clip(1.5 * independent * np.log((rss + 1e-12) / floor), -WINDOW_WORTH, WINDOW_WORTH)
 
-    ranked = sorted(fits, key=lambda h: (round(float(np.log(fits[h][1] + 1e-12).sum()), 6), h.faults))
+    ranked = sorted(fits, key=lambda h: (round(float(np.log(fits[h][1] + 1e-12).sum()), 6), h.oddity))
     best = ranked[0]
     rss = fits[best][1]
     leads = {h: lead(fits[h][1], rss) for h in ranked[1:]}
     same = [h for h, gain in leads.items() if np.abs(gain).max() < 1e-3]
     others = {h: gain for h, gain in leads.items() if h not in same}
-    fewest = min((h.faults for h in (best, *same)), default=best.faults)
-    chosen = min((best, *same), key=lambda h: h.faults)
-    alternatives = tuple(h for h in (best, *same) if h is not chosen and h.faults == fewest)
+    chosen = min((best, *same), key=lambda h: h.oddity)
+    alternatives = tuple(h for h in (best, *same) if h is not chosen and h.oddity < chosen.oddity + PLAINER)
     margin = min((float(gain.sum()) for gain in others.values()), default=0.0)
     runner = min(others, key=lambda h: float(others[h].sum()), default=None)
     voices = 0 if runner is None else int((others[runner] > 1.0).sum())

@@ -82,7 +82,7 @@ class Look:
     velocity_derived: bool
 
 
-def look_at(log: Log, *, lever_arm: Triple | None = None) -> Look:
+def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = False) -> Look:
     """Look at a log.
 
     Parameters
@@ -91,6 +91,8 @@ def look_at(log: Log, *, lever_arm: Triple | None = None) -> Look:
         As it was read.
     lever_arm : (3,), optional
         From the IMU to the antenna, vehicle axes, m, where the user told it.
+    frame_told : bool
+        Whether the user told the frame of the velocity, so that it is NED by now.
 
     Raises
     ------
@@ -116,7 +118,8 @@ def look_at(log: Log, *, lever_arm: Triple | None = None) -> Look:
             gyro_bias=_gyro_bias(increments, up, turns if told_by_turns else None),
             offset_s=turns.offset_s if turns is not None and told_by_turns else 0.0,
         )
-        possible = ("NED",) if by_positions or log.velocity_ned is None else tuple(VELOCITY_FRAMES)
+        known = by_positions or frame_told or log.velocity_ned is None
+        possible = ("NED",) if known else tuple(VELOCITY_FRAMES)
         frames = find_frames(windows, increments, motion, units, velocity_frames=possible)
     if frames is not None:
         alignment, mounting, lever_found = _aligned(windows, increments, motion, units, frames, _noise(log), lever_arm)
