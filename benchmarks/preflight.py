@@ -161,8 +161,7 @@ def _rotation(case: Case) -> FloatArray:
 
 
 def _tilt(found: Preflight, truth: FloatArray, case: Case) -> tuple[float, float]:
-    """Return how far forward and down are off in the corrected axes, beyond a mounting tilt that is kept, and the
-    yaw."""
+    """Return how far the corrected axes are off beyond a mounting tilt, which is kept, and the yaw, rad."""
     # Vehicle axes seen from the corrected body: a rotation by the mounting's tilt alone, if all is right.
     left = truth @ found.corrections.accel_dcm.T
     gyro = truth @ found.corrections.gyro_dcm.T
@@ -212,10 +211,8 @@ def main() -> None:
         if errors[name]:
             rms, most = np.sqrt(np.mean(np.square(errors[name]))) * scale, max(errors[name]) * scale
             good = 100.0 * float(np.mean(np.array(errors[name]) <= right))
-            print(
-                f"{name}, where decided: {rms:.2f} {unit} RMS, {good:.1f} % within {right * scale:g}, all within {
-                    most:.2f}"
-            )
+            share = f"{good:.1f} % within {right * scale:g}"
+            print(f"{name}, where decided: {rms:.2f} {unit} RMS, {share}, all within {most:.2f}")
     for name, error, case in wrong:
         print(f"wrong {name}: {error:.4f} {case}")
 

@@ -99,10 +99,8 @@ BAD = [
     (["nowhere.csv", "-o", "a.kml"], 3, "nowhere.csv has no GNSS positions, so that there is no track to write"),
     (["out/result.parquet", "-o", "a.csv"], 2, "result.parquet is a result, not a log; it becomes a track"),
     (["out/result.parquet", "-o", "a.parquet"], 2, "result.parquet is a result, not a log; it becomes a track"),
-    (["out/result.parquet", "-o", "a.kml", "--format", "csv"], 2, "--gnss,
-    --imu,
-    --mapping and
-    --format go with a log"), (["out/result.parquet", "-o", "a.kml", "--point", "reference"], 2, "was estimated without a reference point"),
+    (["out/result.parquet", "-o", "a.kml", "--format", "csv"], 2, "--gnss, --imu, --mapping and --format go with"),
+    (["out/result.parquet", "-o", "a.kml", "--point", "reference"], 2, "was estimated without a reference point"),
     (["out/result.parquet", "-o", "a.kml", "--every", "-1"], 2, "One position every -1 s cannot be"),
     (["drive.parquet", "-o", "a.kml", "--point", "imu"], 2, "is not a result.parquet; --point goes with one."),
     (["drive.parquet", "-o", "a.csv", "--every", "1"], 2, "a.csv is a log, which keeps all samples"),
