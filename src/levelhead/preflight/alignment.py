@@ -36,7 +36,10 @@ GYRO_BIAS_STD: Final = np.radians(0.5)
 """One sigma of what is left of a gyro's bias after its mean over the drive was taken off, rad/s."""
 OFFSET_STD: Final = 1.0
 """One sigma of how far the clocks are from where the turns put them, s."""
+MAX_TURN: Final = 0.3
+"""No heading is changed by more in a round, rad: the fit is linear."""
 ROUNDS: Final = 4
+MAX_HEADING_STD: Final = np.radians(3.0)
 LINK_STD: Final = np.radians(0.1)
 """One sigma of the heading that the gyros carry from a window to the next, rad: noise of a consumer gyro over 20 s."""
 SCALE_STD: Final = 0.003
@@ -76,6 +79,8 @@ class Alignment:
         Of the velocities, in their own sigmas.
     used : ndarray of bool, shape (w,)
         Windows that counted.
+    known : ndarray of bool, shape (w,)
+        Windows whose heading is known, by themselves or carried by the gyros from one that swings.
     offsets_s, offsets_std : ndarray, shape (w,)
         The clock offset that each window alone would have, s.
     """
@@ -89,6 +94,7 @@ class Alignment:
     attitude: FloatArray
     residual_std: float
     used: BoolArray
+    known: BoolArray
     offsets_s: FloatArray
     offsets_std: FloatArray
 
@@ -143,12 +149,12 @@ def align(
     prior_std = np.full(COMMON, OFFSET_STD)
     prior_std[LEVER], prior_std[ACCEL], prior_std[GYRO] = lever_std, ACCEL_BIAS_STD, GYRO_BIAS_STD
     common[OFFSET] = start.offset_s
-    dcm = start.dcm_f_to_ned
     lively = windows.swing > np.maximum(MIN_SWING, SIGNAL * float(np.median(motion.sigma[:, :2])))
     used = lively
     if not used.any():
         return None
     expected[OFFSET] = start.offset_s
+    dcm, carried = _carried(windows, increments, start, lively)
     for _ in range(ROUNDS):
         problem = _linearised(windows, increments, motion, replace(start, dcm_f_to_ned=dcm), common)
         step = _solve(problem, expected - common, prior_std, used)
@@ -166,9 +172,28 @@ def align(
         attitude=problem.attitude,
         residual_std=float(np.sqrt(np.median(step.residual[used] ** 2))),
         used=used,
+        known=(used | carried) & (step.attitude_std[:, 2] < MAX_HEADING_STD),
         offsets_s=common[OFFSET] + step.offsets,
         offsets_std=step.offsets_std,
     )
+
+
+def _carried(windows: Windows, increments: Increments, start: Start, lively: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Return the windows' rotations with those that do not swing carried over from neighbours, and which were."""
+    attitude, _ = turned(windows, increments, scale=start.gyro_scale, bias=start.gyro_bias)
+    dcm = start.dcm_f_to_ned.copy()
+    reached = lively.copy()
+    apart = np.diff(windows.start)
+    node = np.minimum(np.rint(apart / windows.offsets[1]).astype(np.intp), windows.offsets.size - 1)
+    over = attitude[np.arange(apart.size), node]
+    near = apart <= windows.offsets[-1]
+    for k in np.flatnonzero(near):
+        if reached[k] and not reached[k + 1]:
+            dcm[k + 1], reached[k + 1] = dcm[k] @ over[k], True
+    for k in np.flatnonzero(near)[::-1]:
+        if reached[k + 1] and not reached[k]:
+            dcm[k], reached[k] = dcm[k + 1] @ over[k].T, True
+    return dcm, reached & ~lively
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -311,10 +336,10 @@ def _solve(problem: _Problem, to_prior: FloatArray, prior_std: FloatArray, used:
     total, right = _assembled(normals, scores, used)
     total[:COMMON, :COMMON] += prior
     right[:COMMON] += prior @ to_prior
-    rows, missed = _link_rows(problem.links, used, total.shape[0])
+    rows, missed = _link_rows(problem.links, total.shape[0])
     inverse = np.linalg.inv(total + rows.T @ rows)
     solution = inverse @ (right + rows.T @ missed)
-    step, turn = solution[:COMMON], np.where(used, solution[COMMON:], 0.0)
+    step, turn = solution[:COMMON], np.clip(solution[COMMON:], -MAX_TURN, MAX_TURN)
     both = np.concatenate((np.broadcast_to(step, (count, COMMON)), turn[:, None]), axis=1)
     left = y_left - (b_left @ both[..., None])[..., 0]
     residual = np.sqrt((left**2).sum(axis=1) / freedom)
@@ -363,16 +388,14 @@ def _assembled(normals: FloatArray, scores: FloatArray, used: BoolArray) -> tupl
     return total, right
 
 
-def _link_rows(links: _Links, used: BoolArray, size: int) -> tuple[FloatArray, FloatArray]:
+def _link_rows(links: _Links, size: int) -> tuple[FloatArray, FloatArray]:
     """Return the rows, in sigmas, that tie the headings of neighbouring windows together, and what they miss."""
-    both = used[links.earlier] & used[links.later]
-    earlier, later, sigma = links.earlier[both], links.later[both], links.sigma[both]
-    rows = np.zeros((earlier.size, size))
-    index = np.arange(earlier.size)
-    rows[index, COMMON + later] = 1.0 / sigma
-    rows[index, COMMON + earlier] = -1.0 / sigma
-    rows[:, GYRO] = links.bias[both] / sigma[:, None]
-    return rows, -links.mismatch[both] / sigma
+    rows = np.zeros((links.sigma.size, size))
+    index = np.arange(links.sigma.size)
+    rows[index, COMMON + links.later] = 1.0 / links.sigma
+    rows[index, COMMON + links.earlier] = -1.0 / links.sigma
+    rows[:, GYRO] = links.bias / links.sigma[:, None]
+    return rows, -links.mismatch / links.sigma
 
 
 def _padded(prior: FloatArray, size: int) -> FloatArray:

@@ -138,7 +138,7 @@ def velocity_frame(look: Look, claims: Claims, fix: Corrections) -> Decision:
         return Finding(name=name, verdict=Verdict.FINE, text=text), fix
     if look.by_positions is not None:
         found, margin = look.by_positions, look.positions_margin
-        how = f"the positions move so, by {margin:.0f} sigmas"
+        how = f"the positions move so, with a log-likelihood of {margin:.0f}"
     elif by_windows and look.frames is not None:
         found, margin = look.frames.hypothesis.velocity_frame, look.frames.margin
         how = f"the readings say so, with a log-likelihood of {margin:.0f}"

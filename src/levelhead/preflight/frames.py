@@ -7,6 +7,7 @@ a few combinations: the sign of the specific force, the sign of the gyros, and t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -34,6 +35,8 @@ WINDOW_WORTH: Final = 8.0
 """Log-likelihood that one window may add at most: no single stretch of the drive decides alone."""
 PLAINER: Final = 2.0
 """By how much odder a reading that fits as well must be to be left out (see `Hypothesis.oddity`)."""
+STEP_WORTH: Final = 9.0
+"""Squared misfit, in sigmas, that one step between positions may count at most."""
 INDEPENDENT_S: Final = 2.0
 """Residuals further apart than this are taken as independent, s: tilt and vibration hang together for about so long."""
 
@@ -97,7 +100,7 @@ class Units:
 
 
 def find_frames(
-    windows: Windows, increments: Increments, motion: Motion, units: Units, *, velocity_frames: tuple[str, ...]
+    windows: Windows, increments: Increments, motion: Motion, units: Units, *, velocity_frames: Mapping[str, float]
 ) -> Frames | None:
     """Compare all combinations of signs and frames.
 
@@ -107,8 +110,8 @@ def find_frames(
         The stretches, the readings' integrals (raw), and the GNSS velocities as declared.
     units : Units
         Units, gyro bias and clock offset as far as they are known.
-    velocity_frames : tuple of str
-        Those of `VELOCITY_FRAMES` that are possible.
+    velocity_frames : mapping
+        Those of `VELOCITY_FRAMES` that are possible, and how far each is behind in log-likelihood by other evidence.
 
     Returns
     -------
@@ -138,33 +141,32 @@ def find_frames(
                     felt, expected
                 )
     independent = (np.isfinite(duration).sum(axis=1) * min(interval / INDEPENDENT_S, 1.0)).astype(np.float64)
-    return _judge(fits, independent)
+    return _judge(fits, independent, velocity_frames)
 
 
-def _judge(fits: dict[Hypothesis, tuple[FloatArray, FloatArray]], independent: FloatArray) -> Frames:
+def _judge(
+    fits: dict[Hypothesis, tuple[FloatArray, FloatArray]], independent: FloatArray, behind: Mapping[str, float]
+) -> Frames:
     """Return the best of the hypotheses and how far it leads those that the windows can tell from it."""
+    logs = {h: 1.5 * independent * np.log(rss + 1e-12) for h, (_, rss) in fits.items()}
 
-    def lead(rss: FloatArray, best: FloatArray) -> FloatArray:
-        floor = 1e-12 + best
-        return np.clip(1.5 * independent * np.log((rss + 1e-12) / floor), -WINDOW_WORTH, WINDOW_WORTH)
+    def score(h: Hypothesis) -> float:
+        return round(float(logs[h].sum()) - behind[h.velocity_frame], 3)
 
-    ranked = sorted(fits, key=lambda h: (round(float(np.log(fits[h][1] + 1e-12).sum()), 6), h.oddity))
-    best = ranked[0]
-    rss = fits[best][1]
-    leads = {h: lead(fits[h][1], rss) for h in ranked[1:]}
-    same = [h for h, gain in leads.items() if np.abs(gain).max() < 1e-3]
-    others = {h: gain for h, gain in leads.items() if h not in same}
-    chosen = min((best, *same), key=lambda h: h.oddity)
-    alternatives = tuple(h for h in (best, *same) if h is not chosen and h.oddity < chosen.oddity + PLAINER)
-    margin = min((float(gain.sum()) for gain in others.values()), default=0.0)
-    runner = min(others, key=lambda h: float(others[h].sum()), default=None)
-    voices = 0 if runner is None else int((others[runner] > 1.0).sum())
+    best = min(fits, key=lambda h: (score(h), h.oddity))
+    gains = {h: np.clip(logs[h] - logs[best], -WINDOW_WORTH, WINDOW_WORTH) for h in fits}
+    lead = {h: float(gains[h].sum()) + behind[best.velocity_frame] - behind[h.velocity_frame] for h in fits}
+    same = [h for h in fits if np.abs(gains[h]).max() < 1e-3 and lead[h] < DECIDED]
+    others = [h for h in fits if h not in same]
+    chosen = min(same, key=lambda h: h.oddity)
+    alternatives = tuple(h for h in same if h is not chosen and h.oddity < chosen.oddity + PLAINER)
+    runner = min(others, key=lambda h: lead[h], default=None)
     return Frames(
         hypothesis=chosen,
-        margin=margin,
+        margin=0.0 if runner is None else lead[runner],
         alternatives=alternatives,
         dcm_f_to_ned=fits[chosen][0].transpose(0, 2, 1),
-        windows=voices,
+        windows=0 if runner is None else int((gains[runner] > 1.0).sum()),
     )
 
 
@@ -182,10 +184,10 @@ def wahba(felt: FloatArray, expected: FloatArray) -> tuple[FloatArray, FloatArra
     return rotation, np.maximum(rss, 0.0)
 
 
-def frame_by_positions(
+def frames_by_positions(
     time: FloatArray, steps_ned: FloatArray, velocity: FloatArray, position_llh: FloatArray
-) -> tuple[str | None, float]:
-    """Return the frame in which velocities agree with the steps between positions, and by how many sigmas it leads.
+) -> dict[str, float]:
+    """Return how far the log-likelihood of every frame of the velocities is behind the best one's, by the positions.
 
     Parameters
     ----------
@@ -200,29 +202,30 @@ def frame_by_positions(
 
     Returns
     -------
-    frame : str or None
-        One of `VELOCITY_FRAMES` or `ECEF`; None where none fits, or the vehicle hardly moved.
-    margin : float
-        Of the mean squared misfit to the runner-up's, in standard errors.
+    dict
+        By frame, `ECEF` among them: 0 for the best, negative for others; empty where the vehicle hardly moved or no
+        frame fits.
     """
     duration = np.diff(time)
     mean = 0.5 * (velocity[1:] + velocity[:-1])
     moved = steps_ned / duration[:, None]
     whole = np.isfinite(mean).all(axis=1) & np.isfinite(moved).all(axis=1) & (duration < 3.0)
     mean, moved = mean[whole], moved[whole]
-    if mean.shape[0] < 20 or np.hypot(*mean[:, :2].T).max() < 1.0:
-        return None, 0.0
+    if mean.shape[0] < 20 or np.hypot(*moved[:, :2].T).max() < 1.0:
+        return {}
     as_ned = {name: mean @ turn.T for name, turn in VELOCITY_FRAMES.items()}
     as_ned[ECEF] = from_ecef(mean, position_llh[1:][whole])
-    misfit = {name: np.linalg.norm(found - moved, axis=1) for name, found in as_ned.items()}
-    best = min(misfit, key=lambda name: float(np.median(misfit[name])))
-    margins = []
-    for name, misses in misfit.items():
-        if name != best:
-            gain = np.minimum(misses, 5.0) - np.minimum(misfit[best], 5.0)
-            margins.append(float(gain.mean() / (gain.std() / np.sqrt(gain.size / 5.0) + 1e-9)))
-    fits_at_all = float(np.median(misfit[best])) < 0.3 * float(np.median(np.linalg.norm(moved, axis=1))) + 0.2
-    return (best if fits_at_all else None), min(margins)
+    misfit = {name: found - moved for name, found in as_ned.items()}
+    best = min(misfit, key=lambda name: float(np.median(np.linalg.norm(misfit[name], axis=1))))
+    usual = 0.3 * float(np.median(np.linalg.norm(moved, axis=1))) + 0.2
+    if float(np.median(np.linalg.norm(misfit[best], axis=1))) > usual:
+        return {}
+    sigma = 1.4826 * np.median(np.abs(misfit[best]), axis=0) + 0.02
+    square = {name: np.minimum((misses / sigma) ** 2, STEP_WORTH) for name, misses in misfit.items()}
+    # A half for the likelihood, and a half because neighbouring steps share a position.
+    behind = {name: -0.25 * float((found - square[best]).sum()) for name, found in square.items()}
+    top = max(behind.values())
+    return {name: value - top for name, value in behind.items()}
 
 
 def from_ecef(velocity: FloatArray, position_llh: FloatArray) -> FloatArray:

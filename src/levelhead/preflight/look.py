@@ -18,7 +18,7 @@ from levelhead.logs.derive import velocity_from_position
 from levelhead.logs.log import Log
 from levelhead.preflight.alignment import Alignment, Start, align
 from levelhead.preflight.corrections import Corrections
-from levelhead.preflight.frames import VELOCITY_FRAMES, Frames, Units, find_frames, frame_by_positions
+from levelhead.preflight.frames import DECIDED, VELOCITY_FRAMES, Frames, Units, find_frames, frames_by_positions
 from levelhead.preflight.mounting import Mounting, find_mounting
 from levelhead.preflight.turns import Turns, compare_turns
 from levelhead.preflight.windows import Increments, Motion, Windows, choose_windows
@@ -55,7 +55,7 @@ class Look:
     turns : Turns or None
         Yaw rate against course.
     by_positions : str or None
-        Frame in which the velocities agree with the positions, and `positions_margin` in sigmas.
+        Frame in which alone the velocities agree with the positions; `positions_margin` is the log-likelihood by which.
     frames, alignment, mounting
         Of the windows; `mounting` in the axes that `frames` has put right.
     lever_found, lever_told : bool
@@ -99,7 +99,10 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
     LogError
         When the log has neither velocities nor positions that velocities can be derived from.
     """
-    by_positions, positions_margin = _by_positions(log)
+    behind = _by_positions(log)
+    ranked = sorted(behind, key=lambda name: -behind[name])
+    positions_margin = -behind[ranked[1]] if ranked else 0.0
+    by_positions = ranked[0] if positions_margin >= DECIDED else None
     motion = motion_of(Corrections(velocity_frame=by_positions or "NED").apply(log))
     increments = Increments.of(log.time, log.gyro, log.accel)
     norm, coherence, up = _gravity(increments)
@@ -119,7 +122,7 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
             offset_s=turns.offset_s if turns is not None and told_by_turns else 0.0,
         )
         known = by_positions or frame_told or log.velocity_ned is None
-        possible = ("NED",) if known else tuple(VELOCITY_FRAMES)
+        possible = {"NED": 0.0} if known else {name: behind.get(name, 0.0) for name in VELOCITY_FRAMES}
         frames = find_frames(windows, increments, motion, units, velocity_frames=possible)
     if frames is not None:
         alignment, mounting, lever_found = _aligned(windows, increments, motion, units, frames, _noise(log), lever_arm)
@@ -168,19 +171,18 @@ def _velocity_noise(velocity: FloatArray) -> float:
     return max(0.03, 1.4826 * float(np.median(np.abs(third))) / math.sqrt(20.0))
 
 
-def _by_positions(log: Log) -> tuple[str | None, float]:
-    """Return the frame of the velocities that the positions tell, and by how many sigmas."""
+def _by_positions(log: Log) -> dict[str, float]:
+    """Return how far each frame of the velocities is behind the best in log-likelihood, by the positions."""
     if log.velocity_ned is None or log.position_llh is None:
-        return None, 0.0
+        return {}
     both = np.isfinite(log.velocity_ned).all(axis=1) & np.isfinite(log.position_llh).all(axis=1)
     if both.sum() < 3:
-        return None, 0.0
+        return {}
     position, velocity, time = log.position_llh[both], log.velocity_ned[both], log.gnss_time[both]
     # Steps over about a second stand out of the noise of the positions.
     stride = max(1, round(1.0 / float(np.median(np.diff(time)))))
     time, position, velocity = time[::stride], position[::stride], velocity[::stride]
-    frame, margin = frame_by_positions(time, steps_ned(position), velocity, position)
-    return (frame, margin) if margin > 6.0 else (None, margin)
+    return frames_by_positions(time, steps_ned(position), velocity, position)
 
 
 def _noise(log: Log) -> float:

@@ -70,11 +70,11 @@ def find_mounting(windows: Windows, motion: Motion, alignment: Alignment) -> Mou
         None where the vehicle never moved.
     """
     travel, down, rate = _directions(windows, motion, alignment)
-    moving = np.isfinite(travel).all(axis=-1) & alignment.used[:, None]
+    moving = np.isfinite(travel).all(axis=-1) & alignment.known[:, None]
     if moving.sum() < 10:
         return None
     weight = np.where(moving.any(axis=1), 1.0 / (alignment.attitude_std[:, 2] ** 2 + SLIP_STD**2), 0.0)
-    weight = np.where(alignment.used, weight, 0.0)
+    weight = np.where(alignment.known, weight, 0.0)
     vertical = _unit((down[moving] * weight[np.nonzero(moving)[0], None]).sum(axis=0))
     first = _unit(np.cross([0.0, 1.0, 0.0] if abs(vertical[1]) < 0.9 else [0.0, 0.0, 1.0], vertical))
     second = np.cross(vertical, first)
