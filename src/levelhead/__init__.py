@@ -30,6 +30,7 @@ from levelhead.kernel import get_include
 from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.writers import write
+from levelhead.report.exports import export_calibration
 from levelhead.sim import SensorModel, Truth, simulate
 from levelhead.version import __version__
 
@@ -60,6 +61,7 @@ __all__ = [
     "UsageError",
     "__version__",
     "estimate",
+    "export_calibration",
     "get_include",
     "read",
     "simulate",

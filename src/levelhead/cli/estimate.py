@@ -12,6 +12,14 @@ import typer
 from levelhead.analysis.estimation import DEFAULT_METHOD
 from levelhead.analysis.estimation import estimate as estimate_log
 from levelhead.cli.console import progress, say_error, show_result, terminal
+from levelhead.cli.exporting import (
+    CalibrationOption,
+    ExportOption,
+    Exports,
+    OnlyKnownOption,
+    SlotOption,
+    exports_wanted,
+)
 from levelhead.cli.options import (
     FormatOption,
     GnssOption,
@@ -44,6 +52,7 @@ class Wanted:
     rear_axle: Triple | None
     reference_point: Triple | None
     corrected: str | None
+    exports: Exports
 
 
 def estimate(
@@ -63,6 +72,10 @@ def estimate(
     corrected: Annotated[
         Literal["parquet", "csv"] | None, typer.Option(help="Also write the log with the biases taken off.")
     ] = None,
+    export: ExportOption = None,
+    calibration: CalibrationOption = None,
+    slot: SlotOption = None,
+    only_known: OnlyKnownOption = False,
 ) -> None:
     """Estimate biases, roll, pitch and heading; write summary.json, result.parquet and report.html into DIR."""
     if len(logs) > 1 and gnss is not None:
@@ -77,6 +90,7 @@ def estimate(
         rear_axle=vector(rear_axle, "--rear-axle"),
         reference_point=vector(reference_point, "--reference-point"),
         corrected=corrected,
+        exports=exports_wanted(export, calibration, slot=slot, only_known=only_known),
     )
     codes = []
     for path, folder in zip(logs, folders, strict=True):
@@ -102,6 +116,7 @@ def _one(
     begin = perf_counter()
     log = read_log(path, gnss=gnss, mapping=mapping, log_format=log_format)
     read_done = perf_counter()
+    wanted.exports.check(log)
     with progress(f"Estimating {path.name}") as report:
         result = estimate_log(
             log,
@@ -125,10 +140,12 @@ def _one(
     write_summary(result, folder / "summary.json")
     show_result(result)
     terminal().print(f"Results in {folder}: summary.json, result.parquet, report.html.", markup=False)
-    if result.log_info.get("completeness") != "complete":
+    complete = result.log_info.get("completeness") == "complete"
+    if not complete:
         say_error(f"{path.name} was read only in part ({result.log_info.get('completeness')}); the results are marked.")
-        return PARTLY_READ
-    return 0
+    # Last: where a calibration is refused, the results are there.
+    wanted.exports.write(result, log, folder)
+    return 0 if complete else PARTLY_READ
 
 
 def _names(logs: list[Path]) -> list[str]:

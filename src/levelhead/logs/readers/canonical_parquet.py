@@ -22,7 +22,13 @@ EPOCH_KEY: Final = b"levelhead.epoch"
 """Table metadata: ``meta["epoch"]`` of the log that was written."""
 EARTH_KEY: Final = b"levelhead.earth_rotation"
 """Table metadata: "false" in a simulated log whose Earth stands still."""
-TEXT_KEYS: Final = {"datum": b"datum", "height": b"height", "gnss_time_scale": b"levelhead.gnss_time_scale"}
+TEXT_KEYS: Final = {
+    "datum": b"datum",
+    "height": b"height",
+    "gnss_time_scale": b"levelhead.gnss_time_scale",
+    "compensated": b"levelhead.compensated",
+    "corrected_by": b"levelhead.corrected_by",
+}
 """Entries of `Log.meta` that are text, and the table metadata that keep them; who writes a log may declare the first
 two (see `levelhead.logs.datum`)."""
 MAX_VALUES: Final = 500_000_000
@@ -87,7 +93,8 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}"))
     scaled.clear()
     pa.default_memory_pool().release_unused()
-    return Pieces(imu=pieces.imu, gnss=pieces.gnss, meta=meta)
+    compensated = _decoded((schema.metadata or {}).get(TEXT_KEYS["compensated"])) or ""
+    return Pieces(imu=pieces.imu, gnss=pieces.gnss, meta=meta, compensated=compensated)
 
 
 def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:
@@ -97,8 +104,7 @@ def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:
     if _decoded(metadata.get(EARTH_KEY)) == "false":
         meta["earth_rotation"] = False
     text = {entry: _decoded(metadata[key]) for entry, key in TEXT_KEYS.items() if key in metadata}
-    if "gnss_time_scale" in text:
-        meta["gnss_time_scale"] = text["gnss_time_scale"]
+    meta |= {entry: text[entry] for entry in ("gnss_time_scale", "corrected_by") if entry in text}
     return {**meta, **declared(name, datum=text.get(DATUM_KEY), height=text.get(HEIGHT_KEY))}
 
 
