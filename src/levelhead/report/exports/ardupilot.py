@@ -132,9 +132,8 @@ def _trim(calibration: Calibration) -> tuple[list[str], list[str]]:
         return [], []
     roll, pitch, yaw = mounting["roll"], mounting["pitch"], mounting.get("yaw", 0.0)
     dcm = calibration.dcm_file_to_body
-    if abs(yaw) > LARGEST_YAW_DEG or (
-        dcm is not None and np.diag(dcm).min() < np.cos(np.radians(2 * LARGEST_TRIM_DEG))
-    ):
+    turned = dcm is not None and np.diag(dcm).min() < np.cos(np.radians(2.0 * LARGEST_TRIM_DEG))
+    if abs(yaw) > LARGEST_YAW_DEG or turned:
         return [], ["The IMU's axes are not nearly the vehicle's, so no AHRS_TRIM is written; set AHRS_ORIENTATION."]
     if max(abs(roll), abs(pitch)) > LARGEST_TRIM_DEG:
         note = f"The IMU is mounted at roll {roll:.1f}, pitch {pitch:.1f} deg; ArduPilot trims {LARGEST_TRIM_DEG:g} deg"

@@ -34,7 +34,7 @@ def render(calibration: Calibration) -> Document:
             "No calibration is written: KF-GINS takes the biases of three axes, and no sensor's are all known."
         )
     lines = [
-        "Lines for kf-gins.yaml, axes forward, right, down. KF-GINS takes these off the readings, as levelhead means it.",
+        "Lines for kf-gins.yaml, axes forward, right, down. KF-GINS takes them off the readings as levelhead does.",
         "Its IMU file must be in the vehicle's axes, as in the log that levelhead reads.",
     ]
     if calibration.old.by:
