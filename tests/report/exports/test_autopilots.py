@@ -293,7 +293,7 @@ TWO_IMUS |= {"CAL_GYRO1_ID": -1234.0, "CAL_ACC1_ID": 77.0, "CAL_GYRO1_XOFF": 0.5
 def test_px4s_imu_is_found_by_its_id(make_case: MakeCase, tmp_path: Path) -> None:
     options = {"compensated": COMPENSATED, "calibration_in_log": TWO_IMUS}
     # The topics have the ID without sign.
-    new = written(make_case, "px4", tmp_path, device_ids={"gyro": 2**32 - 1234, "accel": 77}, **options)
+    new = written(make_case, "px4", tmp_path, imu_device_ids={"gyro": 2**32 - 1234, "accel": 77}, **options)
     assert new["CAL_GYRO1_XOFF"] == pytest.approx(0.5 + GYRO_BIAS[0], abs=RESOLUTION)
     assert "CAL_GYRO0_XOFF" not in new
     assert "CAL_ACC1_XOFF" in new
@@ -302,7 +302,7 @@ def test_px4s_imu_is_found_by_its_id(make_case: MakeCase, tmp_path: Path) -> Non
         written(make_case, "px4", tmp_path, **options)
     assert "CAL_GYRO1_XOFF" in written(make_case, "px4", tmp_path, slot=1, **options)
     with pytest.raises(LogError, match="the ID 99, for which the vehicle's parameters have no calibration"):
-        written(make_case, "px4", tmp_path, device_ids={"gyro": 99, "accel": 77}, **options)
+        written(make_case, "px4", tmp_path, imu_device_ids={"gyro": 99, "accel": 77}, **options)
     with pytest.raises(UsageError, match="slot 4 does not exist"):
         written(make_case, "px4", tmp_path, slot=4, **options)
     with pytest.raises(LogError, match="CAL_GYRO0_ID is 0"):
@@ -377,6 +377,24 @@ def test_the_gnss_delay_has_the_name_that_the_vehicle_knows(make_case: MakeCase,
     ):
         assert delays(target, latency, old) == {}
         assert "no delay is written" in (tmp_path / "out").read_text()
+
+
+@pytest.mark.parametrize(
+    ("target", "meta", "sentence"),
+    [
+        # PX4 takes its delay off the stamp of arrival, where the driver tells no other.
+        ("px4", {"gnss_stamp": "timestamp_sample"}, "# The log has the times of the fixes"),
+        ("px4", {"gnss_source": "base.pos"}, "# The GNSS data was in a file of its own"),
+        ("ardupilot", {"gnss_source": "base.pos"}, "# The GNSS data was in a file of its own"),
+    ],
+)
+def test_a_latency_that_is_not_the_autopilots_delay_is_not_written(
+    make_case: MakeCase, tmp_path: Path, target: str, meta: dict[str, object], sentence: str
+) -> None:
+    new = written(make_case, target, tmp_path, latency_s=0.1, **meta)
+    assert not any("DELAY" in name for name in new)
+    assert sentence in (tmp_path / "out").read_text()
+    assert any("DELAY" in name for name in written(make_case, target, tmp_path, latency_s=0.1, gnss_stamp="timestamp"))
 
 
 def test_the_trim_levels_what_is_mounted_askew(make_case: MakeCase, tmp_path: Path) -> None:

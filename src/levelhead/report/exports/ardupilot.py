@@ -149,6 +149,8 @@ def _delay(calibration: Calibration) -> tuple[list[str], list[str]]:
     """Return the row of the GNSS delay, and the note where there can be none."""
     if calibration.latency_s is None:
         return [], []
+    if calibration.no_delay:
+        return [], [calibration.no_delay]
     delay = round(1000.0 * calibration.latency_s)
     if not 1 <= delay <= LONGEST_DELAY_MS:
         return [], [

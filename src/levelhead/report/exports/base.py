@@ -109,6 +109,8 @@ class Calibration:
         The same from the log: the sensors' IDs (``gyro``, ``accel``), or the IMU's number from 0.
     latency_s : float or None
         How late the stamps of the GNSS are against the IMU's, s.
+    no_delay : str
+        Why that is not the delay that an autopilot reckons with, as a sentence; empty where it is.
     mounting_deg : mapping or None
         Attitude of the IMU relative to the vehicle: ``yaw``, ``roll``, ``pitch``, deg.
     params : mapping
@@ -123,6 +125,7 @@ class Calibration:
     device_ids: Mapping[str, int]
     imu_instance: int | None
     latency_s: float | None
+    no_delay: str
     mounting_deg: Mapping[str, float] | None
     params: Mapping[str, object]
     log_info: Mapping[str, object]
@@ -175,7 +178,7 @@ def calibration_of(
             f"The result has {result.time.size} samples at other time stamps than the log's {log.time.size}; export "
             "with the log that the result was estimated from."
         )
-    ids = log.meta.get("device_ids")
+    ids = log.meta.get("imu_device_ids")
     instance = log.meta.get("imu_instance")
     mounting = log.meta.get("mounting_deg")
     latency = log.meta.get("latency_s")
@@ -188,12 +191,22 @@ def calibration_of(
         device_ids={k: int(v) for k, v in _numbers(ids).items()} if isinstance(ids, Mapping) else {},
         imu_instance=instance if isinstance(instance, int) else None,
         latency_s=float(latency) if isinstance(latency, int | float) and math.isfinite(latency) else None,
+        no_delay=_no_delay(log),
         mounting_deg=_numbers(mounting) if isinstance(mounting, Mapping) else None,
         params=result.params,
         log_info=log.describe(),
         method=result.method,
         events=result.events,
     )
+
+
+def _no_delay(log: Log) -> str:
+    if log.meta.get("gnss_source"):
+        return "The GNSS data was in a file of its own, whose delay is not the autopilot's; no delay is written."
+    if log.meta.get("gnss_stamp") == "timestamp_sample":
+        # PX4 takes its delay off the arrival only where the driver tells no time of the fix.
+        return "The log has the times of the fixes, which PX4 takes as they are; no delay is written."
+    return ""
 
 
 def _masked(value: FloatArray, std: FloatArray, known: tuple[bool, bool, bool]) -> Biases:
