@@ -130,6 +130,14 @@ def test_json_has_everything(make_case: MakeCase, tmp_path: Path) -> None:
     assert content["sign"] == "reading = truth + bias"
 
 
+def test_the_axes_of_a_file_are_not_claimed_where_they_are_not_told(make_case: MakeCase, tmp_path: Path) -> None:
+    result, log = make_case()
+    export_calibration(result, log, "json", tmp_path / "a.json")
+    content = json.loads((tmp_path / "a.json").read_text())
+    assert content["as_recorded"] is None
+    assert content["dcm_file_to_body"] is None
+
+
 @pytest.mark.parametrize("target", ["ros", "json"])
 def test_what_is_not_known_is_null(make_case: MakeCase, tmp_path: Path, target: str) -> None:
     result, log = make_case(known_accel=(True, True, False))
@@ -165,7 +173,9 @@ def test_hostile_names_stay_what_they_are(make_case: MakeCase, tmp_path: Path, t
 def test_every_target_has_a_file_of_its_own() -> None:
     names = [exporter.file_name for exporter in EXPORTERS.values()]
     assert len(set(names)) == len(names)
-    assert list(EXPORTERS) == ["px4", "ardupilot", "ros", "kf-gins", "kalibr", "json"]
+    page = (Path(__file__).parents[3] / "docs" / "exports.md").read_text()
+    for exporter in EXPORTERS.values():
+        assert f"| `{exporter.name}` | `{exporter.file_name}` |" in page
 
 
 def test_the_summary_tells_of_mounting_and_latency(make_case: MakeCase) -> None:

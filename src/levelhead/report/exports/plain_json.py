@@ -33,7 +33,8 @@ def render(calibration: Calibration) -> Document:
         **triads(calibration.gyro, calibration.accel),
         "known": {"gyro": calibration.gyro.known, "accel": calibration.accel.known},
         "dcm_file_to_body": None if dcm is None else dcm.tolist(),
-        "as_recorded": triads(calibration.recorded("gyro"), calibration.recorded("accel")),
+        # Without the rotation nobody knows whether the reader turned the file's axes.
+        "as_recorded": None if dcm is None else triads(calibration.recorded("gyro"), calibration.recorded("accel")),
         "taken_off_before": calibration.old.by or None,
         "latency_s": calibration.latency_s,
         "mounting_deg": None if calibration.mounting_deg is None else dict(calibration.mounting_deg),
