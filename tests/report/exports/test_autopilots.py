@@ -208,6 +208,7 @@ def test_of_raw_readings_the_offset_is_the_bias_in_the_files_axes(
     np.testing.assert_allclose(three(new, gyro), MOUNTED.T @ GYRO_BIAS, rtol=0.0, atol=RESOLUTION)
     np.testing.assert_allclose(three(new, accel), MOUNTED.T @ ACCEL_BIAS, rtol=0.0, atol=RESOLUTION)
     assert any("these offsets replace those of the vehicle" in note for note in notes)
+    assert any("was assumed" in note for note in notes)
     assert all(f"# {note}" in (tmp_path / "out").read_text().splitlines() for note in notes)
 
 
@@ -413,7 +414,7 @@ def test_the_trim_levels_what_is_mounted_askew(make_case: MakeCase, tmp_path: Pa
 
 def test_what_may_overwrite_the_offsets_is_said(make_case: MakeCase, tmp_path: Path) -> None:
     def notes(target: str, old: dict[str, float]) -> str:
-        result, log = make_case(compensated="x", calibration=old)
+        result, log = make_case(compensated="x", calibration=old)  # its only IMU needs no assumption
         return " ".join(export_calibration(result, log, target, tmp_path / "out"))
 
     assert notes("px4", PX4_OLD) == ""

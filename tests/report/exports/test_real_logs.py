@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import levelhead as lh
+from levelhead.conventions import FloatArray
 from levelhead.logs.readers import READERS
 from levelhead.report.exports.parameters import read_parameters
 
@@ -20,9 +21,19 @@ def exported(make_case: MakeCase, log: lh.Log, target: str, path: Path, **meta: 
     """Export known biases as if they had been estimated from this log."""
     log = replace(log, meta={**log.meta, **meta})
     result, _ = make_case()
-    rows = {name: np.tile(getattr(result, name)[-1], (log.time.size, 1)) for name in ("gyro_bias", "accel_bias")}
-    stds = {f"{name}_std": np.tile(getattr(result, f"{name}_std")[-1], (log.time.size, 1)) for name in rows}
-    lh.export_calibration(replace(result, time=log.time, **rows, **stds), log, target, path)
+
+    def rows(values: FloatArray) -> FloatArray:
+        return np.tile(values[-1], (log.time.size, 1))
+
+    result = replace(
+        result,
+        time=log.time,
+        gyro_bias=rows(result.gyro_bias),
+        gyro_bias_std=rows(result.gyro_bias_std),
+        accel_bias=rows(result.accel_bias),
+        accel_bias_std=rows(result.accel_bias_std),
+    )
+    lh.export_calibration(result, log, target, path)
     return read_parameters(path)
 
 

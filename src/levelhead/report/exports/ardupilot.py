@@ -44,6 +44,7 @@ def render(calibration: Calibration) -> Document:
     """Return the ``.param`` file; see docs/exports.md."""
     lines, notes = starting_lines(calibration)
     slot, slot_line = _slot(calibration)
+    (notes if "assumed" in slot_line else lines).append(slot_line)
     rows: list[str] = []
     for sensor, (kind, first_name, unit) in KINDS.items():
         biases = calibration.recorded(sensor)
@@ -68,7 +69,6 @@ def render(calibration: Calibration) -> Document:
         calibration,
         "IMU offsets for ArduPilot",
         "In the sensor's own axes; ArduPilot takes them off the raw readings. Reboot after loading.",
-        slot_line,
         *lines,
         *notes,
     )

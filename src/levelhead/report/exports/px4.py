@@ -55,7 +55,11 @@ def render(calibration: Calibration) -> Document:
             continue
         slot, id_line = _slot(calibration, sensor, kind)
         offsets = _offsets(biases, calibration, kind, slot)
-        rows += [f"# {id_line}", sigma_line(offsets, unit)]
+        if "assumed" in id_line:
+            notes.append(id_line)
+        else:
+            rows.append(f"# {id_line}")
+        rows.append(sigma_line(offsets, unit))
         rows += [
             _row(f"CAL_{kind}{slot}_{axis.upper()}OFF", number(value), FLOAT)
             for axis, value, known in zip(AXES, offsets.value, offsets.known, strict=True)
