@@ -31,6 +31,7 @@ from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.writers import write
 from levelhead.preflight import Preflight, Told, check
+from levelhead.report.exports import export_calibration
 from levelhead.sim import SensorModel, Truth, simulate
 from levelhead.version import __version__
 
@@ -64,6 +65,7 @@ __all__ = [
     "__version__",
     "check",
     "estimate",
+    "export_calibration",
     "get_include",
     "read",
     "simulate",

@@ -83,6 +83,10 @@ def _write_log(log: Log, output: Path) -> None:
     with progress(f"Writing {output.name}"):
         write(log, output)
     terminal().print(f"Wrote {output}: {log.time.size} IMU samples, {log.gnss_time.size} GNSS epochs.", markup=False)
+    if output.suffix == ".csv" and (log.meta.get("compensated") or log.meta.get("corrected_by")):
+        terminal().print(
+            "CSV does not keep that biases were taken off the readings before; Parquet does.", markup=False
+        )
 
 
 def _write_track(track: Track, output: Path, every: float) -> None:

@@ -12,6 +12,14 @@ import typer
 from levelhead.analysis.estimation import DEFAULT_METHOD
 from levelhead.analysis.estimation import estimate as estimate_log
 from levelhead.cli.console import progress, say_error, show_result, terminal
+from levelhead.cli.exporting import (
+    CalibrationOption,
+    ExportOption,
+    Exports,
+    OnlyKnownOption,
+    SlotOption,
+    exports_wanted,
+)
 from levelhead.cli.options import (
     AccelUnitOption,
     AxesOption,
@@ -66,6 +74,7 @@ class Files:
     imu: str | None
     mapping: Path | None
     log_format: str | None
+    exports: Exports
 
 
 def estimate(
@@ -93,6 +102,10 @@ def estimate(
     velocity_frame: VelocityFrameOption = None,
     latency: LatencyOption = None,
     mounting_yaw: MountingYawOption = None,
+    export: ExportOption = None,
+    calibration: CalibrationOption = None,
+    slot: SlotOption = None,
+    only_known: OnlyKnownOption = False,
 ) -> None:
     """Estimate biases, roll, pitch and heading; write summary.json, result.parquet and report.html into DIR."""
     if len(logs) > 1 and gnss is not None and Path(gnss).exists():
@@ -120,6 +133,7 @@ def estimate(
         reference_point=vector(reference_point, "--reference-point"),
         corrected=corrected,
         told=told if preflight else None,
+        exports=exports_wanted(export, calibration, slot=slot, only_known=only_known),
     )
     files = Files(gnss=gnss, imu=imu, mapping=mapping, log_format=log_format)
     codes = []
@@ -142,6 +156,7 @@ def _one(path: Path, folder: Path, files: Files, wanted: Wanted) -> int:
     if wanted.told is not None:
         log = checked(log, wanted.told)
     check_done = perf_counter()
+    wanted.exports.check(log)
     with progress(f"Estimating {path.name}") as report:
         result = estimate_log(
             log,
@@ -165,10 +180,12 @@ def _one(path: Path, folder: Path, files: Files, wanted: Wanted) -> int:
     write_summary(result, folder / "summary.json")
     show_result(result)
     terminal().print(f"Results in {folder}: summary.json, result.parquet, report.html.", markup=False)
-    if result.log_info.get("completeness") != "complete":
+    complete = result.log_info.get("completeness") == "complete"
+    if not complete:
         say_error(f"{path.name} was read only in part ({result.log_info.get('completeness')}); the results are marked.")
-        return PARTLY_READ
-    return 0
+    # Last: where a calibration is refused, the results are there.
+    wanted.exports.write(result, log, folder)
+    return 0 if complete else PARTLY_READ
 
 
 def _runtime(begin: float, read_done: float, check_done: float, estimated: float) -> dict[str, float]:

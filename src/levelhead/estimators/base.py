@@ -221,12 +221,17 @@ class Result:
         deg = 180.0 / np.pi
         known = {"gyro": list(self.known_gyro), "accel": list(self.known_accel)}
 
+        # What the log's preflight found stands beside the log, not in it.
+        log = dict(self.log_info)
+        latency, mounting = log.pop("latency_s", None), log.pop("mounting_deg", None)
+        angles: Mapping[str, object] = mounting if isinstance(mounting, Mapping) else {}
+
         def masked(row: FloatArray, flags: tuple[bool, bool, bool], scale: float = 1.0) -> list[float | None]:
             return [v if k else None for v, k in zip(_list(row, scale), flags, strict=True)]
 
         return {
             "levelhead": __version__,
-            "log": dict(self.log_info),
+            "log": log,
             "method": self.method,
             "params": dict(self.params),
             "gyro_bias_deg_s": masked(self.gyro_bias[-1], self.known_gyro, deg),
@@ -235,8 +240,8 @@ class Result:
             "accel_bias_std_m_s2": masked(self.accel_bias_std[-1], self.known_accel),
             "known": known,
             "settled_at_s": dict(self.settled_at_s),
-            "mounting": {"yaw_deg": None, "roll_deg": None, "pitch_deg": None},
-            "latency_s": None,
+            "mounting": {f"{name}_deg": angles.get(name) for name in ("yaw", "roll", "pitch")},
+            "latency_s": latency,
             "navigation": navigation_summary(self),
             "events": [event.as_dict() for event in self.events],
             "runtime_s": dict(self.runtime_s),

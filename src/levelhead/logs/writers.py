@@ -45,8 +45,9 @@ def write(log: Log, path: str | os.PathLike[str]) -> None:
 
     Reading the file gives the same numbers to the bit, latitude and longitude (degrees in the file) to 2 units in
     the last place. The canonical log has one deviation per epoch: of three components the root mean square of the
-    horizontal two is written. Of ``meta``, ``epoch``, ``gnss_time_scale``, ``datum``, ``height`` and
-    ``earth_rotation`` are kept in Parquet, and whether axes and frames are known; CSV has no place for them.
+    horizontal two is written. Of ``meta``, ``epoch``, ``gnss_time_scale``, ``datum``, ``height``, ``compensated``,
+    ``corrected_by`` and ``earth_rotation`` are kept in Parquet, and whether axes and frames are known; CSV has no place
+    for them.
 
     Parameters
     ----------

@@ -65,6 +65,9 @@ def test_a_mounted_imu_is_turned_into_the_vehicle(read_board: Callable[..., Log]
     lines = "".join(f"{-float(forward)!r},{float(right)!r},1.0,0,0,0,{1000 + 10 * k}\n" for k in range(3))
     log = read_board(lines, "mounting_deg = { yaw = 30.0 }")
     np.testing.assert_allclose(log.accel[0], np.array([-0.5, 0.0, -1.0]) * 9.80665, atol=1e-14)  # rounding
+    # The log keeps how it was turned: an export of the biases goes back to the file's axes with it.
+    turned = np.array(log.meta["dcm_file_to_body"]) @ [-forward, right, 1.0]
+    np.testing.assert_allclose(log.accel[0], 9.80665 * turned, atol=1e-14)
 
 
 @pytest.mark.parametrize(

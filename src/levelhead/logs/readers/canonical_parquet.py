@@ -26,7 +26,13 @@ EARTH_KEY: Final = b"levelhead.earth_rotation"
 FRAMES_KEY: Final = b"levelhead.frames"
 """Table metadata: `FRAMES` where whoever wrote the log knew that its axes and velocities are these."""
 FRAMES: Final = "FRD, NED"
-TEXT_KEYS: Final = {"datum": b"datum", "height": b"height", "gnss_time_scale": b"levelhead.gnss_time_scale"}
+TEXT_KEYS: Final = {
+    "datum": b"datum",
+    "height": b"height",
+    "gnss_time_scale": b"levelhead.gnss_time_scale",
+    "compensated": b"levelhead.compensated",
+    "corrected_by": b"levelhead.corrected_by",
+}
 """Entries of `Log.meta` that are text, and the table metadata that keep them; who writes a log may declare the first
 two (see `levelhead.logs.datum`)."""
 MAX_VALUES: Final = 500_000_000
@@ -92,7 +98,8 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     scaled.clear()
     pa.default_memory_pool().release_unused()
     assumed = assumed_facts(columns, frames_declared=_decoded((schema.metadata or {}).get(FRAMES_KEY)) == FRAMES)
-    return replace(pieces, meta=meta, assumed=assumed)
+    compensated = _decoded((schema.metadata or {}).get(TEXT_KEYS["compensated"])) or ""
+    return replace(pieces, meta=meta, assumed=assumed, compensated=compensated)
 
 
 def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:
@@ -102,8 +109,7 @@ def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:
     if _decoded(metadata.get(EARTH_KEY)) == "false":
         meta["earth_rotation"] = False
     text = {entry: _decoded(metadata[key]) for entry, key in TEXT_KEYS.items() if key in metadata}
-    if "gnss_time_scale" in text:
-        meta["gnss_time_scale"] = text["gnss_time_scale"]
+    meta |= {entry: text[entry] for entry in ("gnss_time_scale", "corrected_by") if entry in text}
     return {**meta, **declared(name, datum=text.get(DATUM_KEY), height=text.get(HEIGHT_KEY))}
 
 

@@ -47,7 +47,9 @@ def read(source: Source) -> Pieces:
         table = _read_table(source, source.gnss_mapping.table, 0.0)
         left_out = max(left_out, table.left_out)
         gnss = pieces_from_table(table).gnss
-    meta = {} if source.gnss_mapping is None else source.gnss_mapping.meta
+    meta: dict[str, object] = {} if source.gnss_mapping is None else dict(source.gnss_mapping.meta)
+    if imu is not None and source.imu_mapping is not None:
+        meta["dcm_file_to_body"] = tuple(tuple(float(v) for v in row) for row in source.imu_mapping.dcm_file_to_body)
     return Pieces(imu=imu, gnss=gnss, left_out=left_out, from_zero=True, meta=meta)
 
 
