@@ -1,9 +1,10 @@
-"""What the readers of autopilots' logs share: scattered records, two sensors on one clock, parameters that change."""
+"""What the readers of autopilots' logs share: scattered records, the choice among IMUs, parameters that change."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from levelhead.conventions import FloatArray
 from levelhead.events import Event
+from levelhead.logs.pieces import ImuData, Stream
+from levelhead.logs.readers.base import Source, choose
 
 Bytes = NDArray[np.uint8]
 Records = NDArray[Any]
@@ -22,6 +25,72 @@ MIN_RATE_HZ: Final = 20.0
 VERTICAL_STD: Final = 0.05
 MIN_VERTICAL_STD_M_S: Final = 0.5
 """What a vehicle's unknown vertical velocity is taken for: zero, give or take this share of its speed, or this."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Stamps (n,) us since boot, gyro (n, 3) rad/s and accel (n, 3) m/s^2, FRD; accel is NaN where not to be used."""
+
+    time_us: FloatArray
+    gyro: FloatArray
+    accel: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuStream:
+    """One of the IMUs in a log.
+
+    Attributes
+    ----------
+    stream : Stream
+    rate : float
+        Hz.
+    rank : int
+        Of those that are fast enough the lowest is preferred.
+    calibrated, in_body : bool
+        Whether biases were taken off, and whether the axes are the vehicle's.
+    devices : dict
+        The numbers by which the calibration knows the sensors.
+    read : callable
+    """
+
+    stream: Stream
+    rate: float
+    rank: int
+    calibrated: bool
+    in_body: bool
+    devices: dict[str, int] = field(default_factory=dict)
+    read: Callable[[], Readings]
+
+
+def chosen(imus: Sequence[ImuStream], source: Source) -> ImuStream:
+    """Return the wanted IMU; else of those that are fast enough the one of the lowest rank and the most samples."""
+    usable = [i for i in imus if i.rate >= MIN_RATE_HZ] or imus
+    offered = imus if source.imu else [i for i in usable if i.rank == min(u.rank for u in usable)]
+    stream = choose([i.stream for i in offered], source.imu, name=source.path.name)
+    return next(i for i in offered if i.stream is stream)
+
+
+def imu_data(readings: Readings, *, boot_us: float | None, time_scale: str) -> tuple[ImuData, tuple[Event, ...]]:
+    """Return the readings that are whole, and an event of what was left out.
+
+    Parameters
+    ----------
+    readings : Readings
+    boot_us : float or None
+        The instant of boot, us since 1970 in `time_scale`; stamps count from boot where it is not known.
+    time_scale : str
+    """
+    whole = np.isfinite(readings.accel).all(axis=1)
+    without = int((~whole).sum())
+    imu = ImuData(
+        time=(readings.time_us[whole] + (boot_us or 0.0)) * 1e-6,
+        gyro=readings.gyro[whole],
+        accel=readings.accel[whole],
+        time_scale=None if boot_us is None else time_scale,
+    )
+    detail = f"{without} IMU samples that lack a reading of the accelerometer, or are marked as unhealthy."
+    return imu, (Event(code="W_DROPPED", count=without, detail=detail),) if without else ()
 
 
 def gather(data: Bytes, starts: Sequence[int], dtype: np.dtype[Any]) -> Records:
@@ -37,22 +106,24 @@ def columns(records: Records, names: Sequence[str]) -> FloatArray:
     return np.column_stack([records[name].astype(np.float64) for name in names])
 
 
-def onto(time: FloatArray, of: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate readings (k, 3) with the stamps `of` (k,) to the stamps `time` (n,), s.
+def paired(time: FloatArray, gyro: FloatArray, accel_time: FloatArray, accel: FloatArray) -> Readings:
+    """Bring an accelerometer with stamps of its own (k,), us, onto the gyro's stamps (n,).
 
-    NaN where the readings end, or have a gap (see `MAX_BRIDGED`).
+    Its readings are interpolated; across its gaps (see `MAX_BRIDGED`) they are NaN. What one sensor has before the
+    other begins or after it ends is left out.
     """
-    finite = np.isfinite(values).all(axis=1) & np.isfinite(of)
-    of, first = np.unique(of[finite], return_index=True)
-    values = values[finite][first]
+    sound = np.isfinite(accel).all(axis=1)
+    of, first = np.unique(accel_time[sound], return_index=True)
+    values = accel[sound][first]
     if of.size < 2:
-        return np.full((time.size, 3), np.nan)
-    after = np.clip(np.searchsorted(of, time), 1, of.size - 1)
+        return Readings(time[:0], gyro[:0], accel[:0])
+    common = (time >= of[0]) & (time <= of[-1])
+    time, gyro = time[common], gyro[common]
     steps = np.diff(of)
-    outside = (time < of[0]) | (time > of[-1]) | (steps[after - 1] > MAX_BRIDGED * np.median(steps))
+    after = np.clip(np.searchsorted(of, time), 1, of.size - 1)
     result = np.column_stack([np.interp(time, of, column) for column in values.T])
-    result[outside] = np.nan
-    return result
+    result[steps[after - 1] > MAX_BRIDGED * np.median(steps)] = np.nan
+    return Readings(time, gyro, result)
 
 
 def without_vertical(

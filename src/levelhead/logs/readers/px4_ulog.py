@@ -4,7 +4,7 @@ IMU streams, in the order in which one is chosen: ``sensor_combined`` and ``vehi
 (``CAL_GYRO*`` and ``CAL_ACC*`` taken off, turned by ``SENS_BOARD_ROT``) and means over the time between two samples, so
 that vibration does not fold back into them; their stamps are those means' ends. ``sensor_gyro.N`` with
 ``sensor_accel.N`` are the sensors' own readings in the axes of the autopilot's board. All are FRD, rad/s and m/s^2. PX4
-logs most of them once a second by default, which is too slow for anything: see `MIN_RATE_HZ`.
+logs most of them once a second by default, which is too slow for anything: see `autopilot.MIN_RATE_HZ`.
 
 Receivers: ``sensor_gps.N`` and ``vehicle_gps_position``, what PX4 chose or blended from them. Stamps are us since boot:
 those of the fix where the log has them (``timestamp_sample``), else of the message's arrival. Where a receiver knows
@@ -14,8 +14,7 @@ UTC all stamps become UTC, as late as the receiver's messages are, so that GNSS 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -25,8 +24,17 @@ from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.events import Event
 from levelhead.logs.datum import MEAN_SEA_LEVEL, WGS84, declared
-from levelhead.logs.pieces import Fact, GnssData, ImuData, Pieces, Stream, none_if_absent
-from levelhead.logs.readers.autopilot import MIN_RATE_HZ, Records, columns, onto, without_vertical
+from levelhead.logs.pieces import Fact, GnssData, Pieces, Stream, none_if_absent
+from levelhead.logs.readers.autopilot import (
+    ImuStream,
+    Readings,
+    Records,
+    chosen,
+    columns,
+    imu_data,
+    paired,
+    without_vertical,
+)
 from levelhead.logs.readers.base import Reader, Source, choose
 from levelhead.logs.readers.ulog import MAGIC, Topic, UlogFile
 from levelhead.logs.timescales import UTC
@@ -66,28 +74,6 @@ _PLACES: Final[tuple[tuple[_Fields, float, float], ...]] = (
 """Latitude, longitude and height over mean sea level, since PX4 1.14 and before; their units in degrees and metres."""
 
 
-@dataclass(frozen=True)
-class _Readings:
-    """Stamps (n,) us since boot, gyro (n, 3) rad/s and accel (n, 3) m/s^2, NaN where there is no accel."""
-
-    time_us: FloatArray
-    gyro: FloatArray
-    accel: FloatArray
-
-
-@dataclass(frozen=True)
-class _Imu:
-    """An IMU stream: its place in the order, whether biases are off and its axes the vehicle's, its readings."""
-
-    stream: Stream
-    rate: float
-    rank: int
-    calibrated: bool
-    in_body: bool
-    devices: dict[str, int]
-    read: Callable[[], _Readings]
-
-
 def sniff(_path: Path, head: bytes) -> bool:
     """Return whether the file begins as a ULog does."""
     return head.startswith(MAGIC)
@@ -120,8 +106,8 @@ def read(source: Source) -> Pieces:
         meta["boot_instant_s"] = boot_us * 1e-6
     imu, compensated, undeclared = None, "", tuple[Fact, ...]()
     if imus and source.role == "imu":
-        one = _chosen(imus, source)
-        imu, of_imu = _imu(one.read(), boot_us)
+        one = chosen(imus, source)
+        imu, of_imu = imu_data(one.read(), boot_us=boot_us, time_scale=UTC)
         events += (*of_imu, *_changes(log, one))
         compensated = _REMAINS if one.calibrated else ""
         undeclared = () if one.in_body else ("axes",)
@@ -162,33 +148,44 @@ def _rate(log: UlogFile, topic: Topic) -> float:
     return float((len(topic.starts) - 1) / (last - first) * 1e6) if last > first else 0.0
 
 
-def _imus(log: UlogFile) -> list[_Imu]:
+def _imus(log: UlogFile) -> list[ImuStream]:
     """Return the IMU streams in the file, in the order of preference."""
     return [*_combined(log), *_increments(log), *_sensors(log)]
 
 
-def _combined(log: UlogFile) -> list[_Imu]:
+def _combined(log: UlogFile) -> list[ImuStream]:
     found = []
     for topic in _topics(log, "sensor_combined", _COMBINED):
         rate = _rate(log, topic)
 
-        def readings(topic: Topic = topic) -> _Readings:
+        def readings(topic: Topic = topic) -> Readings:
             records = log.records(topic)
             time, relative = records["timestamp"].astype(np.float64), records["accelerometer_timestamp_relative"]
             accel = columns(records, ["accelerometer_m_s2"])
+            gyro = columns(records, ["gyro_rad"])
             accel[relative == _NO_READING] = np.nan
             if ((relative != 0) & (relative != _NO_READING)).any():
-                accel = onto(time, time + relative, accel)
-            return _Readings(time, columns(records, ["gyro_rad"]), accel)
+                return paired(time, gyro, time + relative, accel)
+            return Readings(time, gyro, accel)
 
         stream = Stream(
             kind="imu", name=_name(topic), samples=len(topic.starts), note=f"calibrated, vehicle axes, {rate:.0f} Hz"
         )
-        found.append(_Imu(stream, rate, 0, True, True, _selected(log)[-1], readings))
+        found.append(
+            ImuStream(
+                stream=stream,
+                rate=rate,
+                rank=0,
+                calibrated=True,
+                in_body=True,
+                devices=_selected(log)[-1],
+                read=readings,
+            )
+        )
     return found
 
 
-def _increments(log: UlogFile) -> list[_Imu]:
+def _increments(log: UlogFile) -> list[ImuStream]:
     found = []
     for topic in _topics(log, "vehicle_imu", _INCREMENTS):
         spans = ["delta_angle_dt", "delta_velocity_dt"] if _has(topic, {"delta_angle_dt": ()}) else ["dt", "dt"]
@@ -196,14 +193,14 @@ def _increments(log: UlogFile) -> list[_Imu]:
             continue
         rate = _rate(log, topic)
 
-        def readings(topic: Topic = topic, spans: Sequence[str] = spans) -> _Readings:
+        def readings(topic: Topic = topic, spans: Sequence[str] = spans) -> Readings:
             records = log.records(topic)
             with np.errstate(divide="ignore", invalid="ignore"):
                 gyro, accel = (
                     columns(records, [field]) / (columns(records, [span]) * 1e-6)
                     for field, span in zip(("delta_angle", "delta_velocity"), spans, strict=True)
                 )
-            return _Readings(_sampled(records), gyro, accel)
+            return Readings(_sampled(records), gyro, accel)
 
         stream = Stream(
             kind="imu",
@@ -212,11 +209,13 @@ def _increments(log: UlogFile) -> list[_Imu]:
             note=f"calibrated, vehicle axes, increments, {rate:.0f} Hz",
         )
         devices = _devices(log, topic, gyro="gyro_device_id", accel="accel_device_id")
-        found.append(_Imu(stream, rate, 1, True, True, devices, readings))
+        found.append(
+            ImuStream(stream=stream, rate=rate, rank=1, calibrated=True, in_body=True, devices=devices, read=readings)
+        )
     return found
 
 
-def _sensors(log: UlogFile) -> list[_Imu]:
+def _sensors(log: UlogFile) -> list[ImuStream]:
     turned = any(value not in (0.0, -1.0) for value in log.parameters.lasting(_TURNED, log.size).values())
     accels = {topic.instance: topic for topic in _topics(log, "sensor_accel", _SENSOR)}
     found = []
@@ -226,17 +225,26 @@ def _sensors(log: UlogFile) -> list[_Imu]:
             continue
         rate = min(_rate(log, topic), _rate(log, other))
 
-        def readings(topic: Topic = topic, other: Topic = other) -> _Readings:
+        def readings(topic: Topic = topic, other: Topic = other) -> Readings:
             gyro, accel = log.records(topic), log.records(other)
-            time = _sampled(gyro)
-            return _Readings(time, columns(gyro, "xyz"), onto(time, _sampled(accel), columns(accel, "xyz")))
+            return paired(_sampled(gyro), columns(gyro, "xyz"), _sampled(accel), columns(accel, "xyz"))
 
         # Until PX4 1.10 the drivers took the offsets off; their topics had no stamp of the sample.
         calibrated = "timestamp_sample" not in (topic.dtype.names or ())
         note = f"{'calibrated' if calibrated else 'raw'}, the board's axes, {rate:.0f} Hz"
         stream = Stream(kind="imu", name=_name(topic, always=True), samples=len(topic.starts), note=note)
         devices = _devices(log, topic, gyro="device_id") | _devices(log, other, accel="device_id")
-        found.append(_Imu(stream, rate, 2, calibrated, not turned, devices, readings))
+        found.append(
+            ImuStream(
+                stream=stream,
+                rate=rate,
+                rank=2,
+                calibrated=calibrated,
+                in_body=not turned,
+                devices=devices,
+                read=readings,
+            )
+        )
     return found
 
 
@@ -272,30 +280,7 @@ def _selected(log: UlogFile) -> list[dict[str, int]]:
     return chosen or [{}]
 
 
-def _chosen(imus: list[_Imu], source: Source) -> _Imu:
-    """Return the wanted stream, else the first that is fast enough, or the first of all where none is."""
-    usable = [i for i in imus if i.rate >= MIN_RATE_HZ] or imus
-    offered = imus if source.imu else [i for i in usable if i.rank == min(u.rank for u in usable)]
-    stream = choose([i.stream for i in offered], source.imu, name=source.path.name)
-    return next(i for i in offered if i.stream is stream)
-
-
-def _imu(readings: _Readings, boot_us: float | None) -> tuple[ImuData, tuple[Event, ...]]:
-    whole = np.flatnonzero(np.isfinite(readings.accel).all(axis=1))
-    # Where the two sensors do not begin and end together, nothing of the log is missing.
-    between = slice(0, 0) if whole.size == 0 else slice(whole[0], whole[-1] + 1)
-    alone = readings.accel[between].shape[0] - whole.size
-    detail = f"{alone} IMU samples without a reading of the accelerometer."
-    imu = ImuData(
-        time=(readings.time_us[whole] + (boot_us or 0.0)) * 1e-6,
-        gyro=readings.gyro[whole],
-        accel=readings.accel[whole],
-        time_scale=None if boot_us is None else UTC,
-    )
-    return imu, (Event(code="W_DROPPED", count=alone, detail=detail),) if alone else ()
-
-
-def _changes(log: UlogFile, imu: _Imu) -> tuple[Event, ...]:
+def _changes(log: UlogFile, imu: ImuStream) -> tuple[Event, ...]:
     """Return what stepped in the readings because PX4 calibrated, or changed from one IMU to another."""
     if not imu.calibrated:
         return ()
