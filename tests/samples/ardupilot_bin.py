@@ -74,10 +74,10 @@ def microseconds(time: float) -> int:
     return round((time + BOOT_S) * 1e6)
 
 
-def readings(instance: int = 0, *, healthy: bool = True) -> list[tuple[float, bytes]]:
-    """Return an IMU's messages with their times."""
+def readings(instance: int = 0, *, healthy: tuple[int, int] = (1, 1)) -> list[tuple[float, bytes]]:
+    """Return an IMU's messages with their times; gyro and accelerometer healthy or not."""
     log = sample_drive()
-    rest = (0, 0, 44.5, int(healthy), int(healthy), 1000, 1000)
+    rest = (0, 0, 44.5, *healthy, 1000, 1000)
     return [
         (t, message("IMU", microseconds(t), instance, *w, *f, *rest))
         for t, w, f in zip(log.time, log.gyro, log.accel, strict=True)

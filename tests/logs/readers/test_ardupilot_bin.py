@@ -124,8 +124,9 @@ def test_receivers_are_told_apart(put: Put) -> None:
     assert gnss_of(pieces_of(path, role="gnss", gnss="GPS.1")).time.size == 74
 
 
-def test_readings_that_are_not_healthy_are_left_out(put: Put) -> None:
-    sick = dataflash.readings(healthy=False)[:40]
+@pytest.mark.parametrize("healthy", [(0, 1), (1, 0)])
+def test_readings_that_are_not_healthy_are_left_out(put: Put, healthy: tuple[int, int]) -> None:
+    sick = dataflash.readings(healthy=healthy)[:40]
     pieces = pieces_of(put(dataflash.in_order(sick, dataflash.readings()[40:])))
     assert imu_of(pieces).time.size == 1460
     assert details(pieces.events)["W_DROPPED"].startswith("40 IMU samples")
@@ -212,6 +213,13 @@ def test_a_change_of_the_calibration_is_told(put: Put) -> None:
     assert calibration["INS_GYROFFS_X"] == 0.5
 
 
+def test_a_calibration_at_the_end_is_not_the_one_of_the_log(put: Put) -> None:
+    pieces = pieces_of(put(dataflash.in_order(dataflash.readings()) + dataflash.parameter("INS_GYROFFS_X", 0.5, 30.0)))
+    calibration = pieces.meta["calibration"]
+    assert isinstance(calibration, dict)
+    assert calibration["INS_GYROFFS_X"] == 0.015625
+
+
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
@@ -258,6 +266,22 @@ def test_damage_in_the_middle_costs_what_is_damaged(sample: Path) -> None:
     assert 1493 <= log.time.size < 1500
     assert log.meta["completeness"] == "malformed_record"
     assert re.fullmatch(r"At byte \d+, \d+ bytes in all are no known messages.", details(log.events)["W_DAMAGED"])
+
+
+def test_what_looks_like_a_message_within_damage_is_none(put: Put) -> None:
+    rows = [body for _, body in dataflash.readings()]
+    fake = bytes(10) + rows[0][:3] + bytes(30)
+    pieces = pieces_of(put(b"".join(rows[:700]) + fake + b"".join(rows[700:])))
+    assert imu_of(pieces).time.size == 1500
+    assert f"{len(fake)} bytes in all" in pieces.damaged
+
+
+def test_a_receiver_that_never_had_a_fix_gives_none(put: Put) -> None:
+    path = put(dataflash.in_order(dataflash.readings(), dataflash.fixes()[:2]))
+    assert details(pieces_of(path).events)["W_DROPPED"] == "2 GNSS epochs without a 3D fix."
+    assert pieces_of(path).gnss is None
+    with pytest.raises(LogError, match=r"a\.bin holds no GNSS data; pass the file that does as gnss="):
+        read(path)
 
 
 def test_zeros_to_the_end_are_a_cut(sample: Path) -> None:

@@ -317,6 +317,37 @@ def test_damage_in_the_middle_costs_what_is_damaged(sample: Path) -> None:
     assert re.fullmatch(r"At byte \d+, \d+ bytes in all are no sound messages.", details(log.events)["W_DAMAGED"])
 
 
+def test_a_record_of_another_size_is_no_record(put: Put) -> None:
+    rows = [body for _, body in ulog.combined()]
+    short = ulog.message("D", rows[700][3:-5])
+    pieces = pieces_of(put(TOPICS + b"".join(rows[:700]) + short + b"".join(rows[701:])))
+    assert imu_of(pieces).time.size == 1499
+    assert f"{len(short)} bytes in all" in pieces.damaged
+
+
+def test_a_receiver_that_never_had_a_fix_gives_none(put: Put) -> None:
+    path = put(TOPICS + ulog.in_order(ulog.combined(), ulog.fixes()[:2]))
+    assert details(pieces_of(path).events)["W_DROPPED"] == "2 GNSS epochs without a 3D fix."
+    assert pieces_of(path).gnss is None
+    with pytest.raises(LogError, match=r"a.ulg holds no GNSS data; pass the file that does as gnss="):
+        read(path)
+
+
+def test_an_imu_without_a_single_whole_sample_is_refused(put: Put) -> None:
+    # The accelerometer's stamp of every record says that there is no reading.
+    rows = [body[:29] + b"\xff\xff\xff\x7f" + body[33:] for _, body in ulog.combined()]
+    with pytest.raises(LogError, match="sensor_combined has no usable sample"):
+        pieces_of(put(TOPICS + b"".join(rows)))
+
+
+def test_noise_is_not_taken_for_messages(put: Put) -> None:
+    # Half a megabyte of random bytes: by chance some of them look like the head of a message.
+    noise = np.random.default_rng(3).integers(0, 256, 500_000, dtype=np.uint8).tobytes()
+    pieces = pieces_of(put(TOPICS + noise + ulog.in_order(ulog.combined())))
+    assert imu_of(pieces).time.size == 1500
+    assert "500000 bytes in all" in pieces.damaged
+
+
 def test_zeros_to_the_end_are_a_cut(sample: Path) -> None:
     content = sample.read_bytes()
     sample.write_bytes(content + bytes(200_000))

@@ -131,7 +131,7 @@ def read(source: Source) -> Pieces:
     imu = None
     if imus and source.role == "imu":
         one = chosen(imus, source)
-        imu, of_imu = imu_data(one.read(), boot_us=boot_us, time_scale=GPST)
+        imu, of_imu = imu_data(one, name=name, boot_us=boot_us, time_scale=GPST)
         events += of_imu
         changed = parameters.changed(_APPLIED)
         if changed:
@@ -228,7 +228,7 @@ def _receivers(log: DataFlashFile) -> list[_Receiver]:
     return found
 
 
-def _gnss(receiver: _Receiver) -> tuple[GnssData, float | None, tuple[Event, ...]]:
+def _gnss(receiver: _Receiver) -> tuple[GnssData | None, float | None, tuple[Event, ...]]:
     """Return the fixes, the instant of boot in us of GPST since 1970 where known, and events."""
     rows = receiver.fixes
     llh = rows.columns("Lat", "Lng", "Alt")
@@ -259,7 +259,7 @@ def _gnss(receiver: _Receiver) -> tuple[GnssData, float | None, tuple[Event, ...
         position_std=known(np.column_stack((horizontal, horizontal, vertical))),
         time_scale=None if boot_us is None else GPST,
     )
-    return gnss, boot_us, (*events, *of_vertical)
+    return gnss if time.size else None, boot_us, (*events, *of_vertical)
 
 
 def _matched(time: FloatArray, accuracies: _Rows | None) -> FloatArray:

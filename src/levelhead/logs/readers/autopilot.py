@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from levelhead.conventions import FloatArray
+from levelhead.errors import LogError
 from levelhead.events import Event
 from levelhead.logs.pieces import ImuData, Stream
 from levelhead.logs.readers.base import Source, choose
@@ -71,26 +72,31 @@ def chosen(imus: Sequence[ImuStream], source: Source) -> ImuStream:
     return next(i for i in offered if i.stream is stream)
 
 
-def imu_data(readings: Readings, *, boot_us: float | None, time_scale: str) -> tuple[ImuData, tuple[Event, ...]]:
-    """Return the readings that are whole, and an event of what was left out.
+def imu_data(imu: ImuStream, *, name: str, boot_us: float | None, time_scale: str) -> tuple[ImuData, tuple[Event, ...]]:
+    """Return the samples of an IMU that are whole, and an event of what was left out.
 
     Parameters
     ----------
-    readings : Readings
+    imu : ImuStream
+    name : str
+        The file's name, for errors.
     boot_us : float or None
         The instant of boot, us since 1970 in `time_scale`; stamps count from boot where it is not known.
     time_scale : str
     """
+    readings = imu.read()
     whole = np.isfinite(readings.accel).all(axis=1)
     without = int((~whole).sum())
-    imu = ImuData(
+    if not whole.any():
+        raise LogError(f"{name}: the IMU {imu.stream.name} has no usable sample; choose another (imu=).")
+    data = ImuData(
         time=(readings.time_us[whole] + (boot_us or 0.0)) * 1e-6,
         gyro=readings.gyro[whole],
         accel=readings.accel[whole],
         time_scale=None if boot_us is None else time_scale,
     )
     detail = f"{without} IMU samples that lack a reading of the accelerometer, or are marked as unhealthy."
-    return imu, (Event(code="W_DROPPED", count=without, detail=detail),) if without else ()
+    return data, (Event(code="W_DROPPED", count=without, detail=detail),) if without else ()
 
 
 def gather(data: Bytes, starts: Sequence[int], dtype: np.dtype[Any]) -> Records:
@@ -103,7 +109,9 @@ def gather(data: Bytes, starts: Sequence[int], dtype: np.dtype[Any]) -> Records:
 
 def columns(records: Records, names: Sequence[str]) -> FloatArray:
     """Return fields side by side, shape (n, k): several fields of one number each, or one field of several."""
-    return np.column_stack([records[name].astype(np.float64) for name in names])
+    # Damaged bytes can be a signalling NaN, which the conversion would warn of.
+    with np.errstate(invalid="ignore"):
+        return np.column_stack([records[name].astype(np.float64) for name in names])
 
 
 def paired(time: FloatArray, gyro: FloatArray, accel_time: FloatArray, accel: FloatArray) -> Readings:

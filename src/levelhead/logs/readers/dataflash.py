@@ -18,7 +18,7 @@ import numpy as np
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
-from levelhead.logs.readers.autopilot import Bytes, Records, gather
+from levelhead.logs.readers.autopilot import Bytes, Records, columns, gather
 
 MAGIC: Final = b"\xa3\x95"
 FMT_NUMBER: Final = 128
@@ -161,4 +161,4 @@ class DataFlashFile:
 
 def in_units(kind: Kind, records: Records, names: Sequence[str]) -> FloatArray:
     """Return fields of messages side by side, shape (n, k), in the units that their letters stand for."""
-    return np.column_stack([records[name].astype(np.float64) * kind.units[name] for name in names])
+    return columns(records, names) * [kind.units[name] for name in names]

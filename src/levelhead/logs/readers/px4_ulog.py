@@ -7,8 +7,9 @@ that vibration does not fold back into them; their stamps are those means' ends.
 logs most of them once a second by default, which is too slow for anything: see `autopilot.MIN_RATE_HZ`.
 
 Receivers: ``sensor_gps.N`` and ``vehicle_gps_position``, what PX4 chose or blended from them. Stamps are us since boot:
-those of the fix where the log has them (``timestamp_sample``), else of the message's arrival. Where a receiver knows
-UTC all stamps become UTC, as late as the receiver's messages are, so that GNSS data from elsewhere fits too.
+of the fix where the log has them (``timestamp_sample``, for which new versions take ``SENS_GPS*_DELAY`` off), else of
+the message's arrival. Where a receiver knows UTC all stamps become UTC, as late as the receiver's messages are, so that
+GNSS data from elsewhere fits too.
 """
 
 from __future__ import annotations
@@ -107,7 +108,7 @@ def read(source: Source) -> Pieces:
     imu, compensated, undeclared = None, "", tuple[Fact, ...]()
     if imus and source.role == "imu":
         one = chosen(imus, source)
-        imu, of_imu = imu_data(one.read(), boot_us=boot_us, time_scale=UTC)
+        imu, of_imu = imu_data(one, name=name, boot_us=boot_us, time_scale=UTC)
         events += (*of_imu, *_changes(log, one))
         compensated = _REMAINS if one.calibrated else ""
         undeclared = () if one.in_body else ("axes",)
@@ -309,7 +310,7 @@ def _receivers(log: UlogFile) -> list[tuple[Stream, Topic]]:
     return found
 
 
-def _gnss(records: Records) -> tuple[GnssData, float | None, str, tuple[Event, ...]]:
+def _gnss(records: Records) -> tuple[GnssData | None, float | None, str, tuple[Event, ...]]:
     """Return the fixes, the instant of boot in us of UTC where known, which stamp was used, and events."""
     fields, degree, metre = next(p for p in _PLACES if set(p[0]) <= set(records.dtype.names or ()))
     llh = columns(records, list(fields)) * (degree, degree, metre)
@@ -338,7 +339,7 @@ def _gnss(records: Records) -> tuple[GnssData, float | None, str, tuple[Event, .
         position_std=none_if_absent(_sigmas(records, ["eph", "eph", "epv"])),
         time_scale=None if boot_us is None else UTC,
     )
-    return gnss, boot_us, stamp, (*events, *of_vertical)
+    return gnss if len(records) else None, boot_us, stamp, (*events, *of_vertical)
 
 
 def _sigmas(records: Records, names: Sequence[str]) -> FloatArray:

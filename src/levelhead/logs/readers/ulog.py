@@ -34,18 +34,21 @@ _SIZES: Final = {
     ord("Q"): (7, 301),
     ord("A"): (4, 1000),
     ord("R"): (2, 2),
-    ord("L"): (9, 65535),
-    ord("C"): (11, 65535),
+    ord("L"): (9, 4096),
+    ord("C"): (11, 4096),
     ord("S"): (8, 8),
     ord("O"): (2, 2),
 }
 """The sizes that a message of each type may have, bytes."""
 _MAX_RECORD: Final = 65535
-_LEAST, _MOST = np.full(256, _MAX_RECORD + 1), np.full(256, -1)
-for _kind, (_least, _most) in {**_SIZES, _DATA: (10, _MAX_RECORD)}.items():
-    _LEAST[_kind], _MOST[_kind] = _least, _most
-_CHAIN: Final = 3
+_CHAIN: Final = 4
 """Behind damage, so many sound messages in a row are taken for a log again."""
+_MAX_BEHIND: Final = 2048
+"""Those of them that are no data measure at most this: what is damaged is not to pass for one long message."""
+_LEAST, _MOST = np.full(256, _MAX_RECORD + 1), np.full(256, -1)
+for _kind, (_least, _most) in _SIZES.items():
+    _LEAST[_kind], _MOST[_kind] = _least, min(_most, _MAX_BEHIND)
+_LEAST[_DATA], _MOST[_DATA] = 10, _MAX_RECORD
 _BLOCKS: Final = (1 << 8, 1 << 16)
 """Behind damage, so many bytes are searched at first, and at most, in one go."""
 _MAX_PLACES: Final = 10_000
@@ -192,8 +195,7 @@ class UlogFile:
                 topic = self._by_id.get(number)
                 sound = topic is not None and size in topic.sizes
             else:
-                least, most = _SIZES.get(kind, (1, 0))
-                sound = least <= size <= most
+                sound = bool(_LEAST[kind] <= size <= _MOST[kind])
             pos += 3 + size
             if not sound or pos > end:
                 return False
