@@ -224,6 +224,7 @@ def test_a_calibration_at_the_end_is_not_the_one_of_the_log(put: Put) -> None:
     ("content", "sentence"),
     [
         (dataflash.head(), "no messages of an IMU or a receiver (it has: PARM)."),
+        (dataflash.head()[:-1], "(it has: PARM). The file ends within a message: it was cut."),
         (b"\xa3\x95\x81" + bytes(200), "does not begin as an ArduPilot log does"),
         (b"\xa3\x95\x80\x80" + bytes(85), "no messages of an IMU or a receiver (it has: none)."),
     ],

@@ -136,6 +136,18 @@ def test_without_utc_the_stamps_count_from_boot(put: Put) -> None:
     assert "boot_instant_s" not in pieces.meta
 
 
+def test_a_solution_from_elsewhere_fits_the_clock(sample: Path, tmp_path: Path) -> None:
+    # GPS time is 18 s ahead of UTC, and the drive begins at 05:47:23 UTC.
+    lines = [f"2025/06/27 05:47:{41 + t}.000 40.0 -105.0 1600.0 1 20" for t in range(1, 11)]
+    solution = tmp_path / "a.pos"
+    header = "% (lat/lon/height=WGS84/ellipsoidal)\n%  GPST  latitude(deg) longitude(deg) height(m) Q ns\n"
+    solution.write_text(header + "\n".join(lines) + "\n")
+    log = read(sample, gnss=solution)
+    np.testing.assert_allclose(log.gnss_time, np.arange(1.0, 11.0), rtol=0, atol=STAMP_STEP)
+    # The solution's heights, not those of the receiver in the log.
+    assert log.meta["height"] == "ellipsoidal"
+
+
 def test_raw_readings_are_put_on_the_gyros_stamps(put: Put) -> None:
     body = ulog.subscription(0, "sensor_gyro", 1) + ulog.subscription(1, "sensor_accel", 1) + raw(0, 1, late_s=0.005)
     pieces, drive = pieces_of(put(body)), sample_drive()
@@ -272,6 +284,7 @@ def test_a_file_for_its_gnss_data_alone(sample: Path, put: Put) -> None:
         (ulog.head() + ulog.subscription(0, "airspeed"), "What the topic 'airspeed' holds is not defined."),
         (ulog.HEADER + ulog.FLAGS.replace(bytes(16), bytes(8) + b"\x02" + bytes(7)), "newer ULog format"),
         (ulog.HEADER[:9], "has no ULog header"),
+        (ulog.head()[:-1], "(topics: none). The file ends within a message: it was cut."),
     ],
 )
 def test_what_cannot_be_read_is_refused(tmp_path: Path, content: bytes, sentence: str) -> None:

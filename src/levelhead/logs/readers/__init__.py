@@ -10,7 +10,7 @@ from typing import Final
 
 from levelhead.errors import LogError, UsageError
 from levelhead.events import Event
-from levelhead.logs.datum import check_agreement
+from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
@@ -108,7 +108,10 @@ def read(
         if gnss_data is not None and not pieces.streams:
             raise UsageError(f"{main.name} has GNSS columns of its own; leave out the GNSS file {gnss_path.name}.")
         gnss_pieces, gnss_reader = _read_file(Source(path=gnss_path, role="gnss", gnss_mapping=gnss_mapping), None)
-        check_agreement(main.name, pieces.meta, gnss_path.name, gnss_pieces.meta)
+        if gnss_data is not None:
+            # The log has positions of its own, which are not used: what they count from does not matter.
+            meta = {key: value for key, value in meta.items() if key not in (DATUM_KEY, HEIGHT_KEY)}
+        check_agreement(main.name, meta, gnss_path.name, gnss_pieces.meta)
         gnss_data = gnss_pieces.gnss
         meta = {**gnss_pieces.meta, **meta, "gnss_source": gnss_path.name, "gnss_format": gnss_reader.name}
         parts[gnss_path.name] = gnss_pieces

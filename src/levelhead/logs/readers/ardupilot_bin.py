@@ -117,7 +117,8 @@ def read(source: Source) -> Pieces:
     if not receivers and (source.role == "gnss" or not imus):
         wanted = "GPS messages" if source.role == "gnss" else "messages of an IMU or a receiver"
         have = ", ".join(sorted(kind.name for kind in log.kinds.values() if len(kind.starts))[:12]) or "none"
-        raise LogError(f"{name} has no {wanted} (it has: {have}). {log.damaged}".rstrip())
+        cut = " The file ends within a message: it was cut." if log.left_out else ""
+        raise LogError(f"{name} has no {wanted} (it has: {have}). {log.damaged}".rstrip() + cut)
     parameters = _parameters(log)
     meta: dict[str, object] = {"calibration": dict(parameters.lasting(CALIBRATION, log.size))}
     events: tuple[Event, ...] = ()

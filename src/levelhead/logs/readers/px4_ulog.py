@@ -94,7 +94,8 @@ def read(source: Source) -> Pieces:
     if not receivers and (source.role == "gnss" or not imus):
         wanted = "GNSS topic" if source.role == "gnss" else "topic of an IMU or a receiver"
         have = ", ".join(sorted({topic for topic, _ in log.topics})[:12]) or "none"
-        raise LogError(f"{name} has no {wanted} with samples (topics: {have}). {log.damaged}".rstrip())
+        cut = " The file ends within a message: it was cut." if log.left_out else ""
+        raise LogError(f"{name} has no {wanted} with samples (topics: {have}). {log.damaged}".rstrip() + cut)
     meta: dict[str, object] = {"calibration": dict(log.parameters.lasting(CALIBRATION, log.size))}
     events = _dropouts(log)
     gnss, boot_us = None, None
