@@ -10,11 +10,11 @@ from typing import Final
 
 from levelhead.errors import LogError, UsageError
 from levelhead.events import Event
-from levelhead.logs.datum import check_agreement
+from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
-from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, rtklib_pos
+from levelhead.logs.readers import ardupilot_bin, canonical_csv, canonical_parquet, mapped_csv, px4_ulog, rtklib_pos
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
@@ -28,6 +28,8 @@ READERS: Final[dict[str, Reader]] = {
         canonical_parquet.READER,
         mapped_csv.READER,
         rtklib_pos.READER,
+        px4_ulog.READER,
+        ardupilot_bin.READER,
     )
 }
 """Every format by its name, in the order in which they are tried."""
@@ -106,7 +108,10 @@ def read(
         if gnss_data is not None and not pieces.streams:
             raise UsageError(f"{main.name} has GNSS columns of its own; leave out the GNSS file {gnss_path.name}.")
         gnss_pieces, gnss_reader = _read_file(Source(path=gnss_path, role="gnss", gnss_mapping=gnss_mapping), None)
-        check_agreement(main.name, pieces.meta, gnss_path.name, gnss_pieces.meta)
+        if gnss_data is not None:
+            # The log has positions of its own, which are not used: what they count from does not matter.
+            meta = {key: value for key, value in meta.items() if key not in (DATUM_KEY, HEIGHT_KEY)}
+        check_agreement(main.name, meta, gnss_path.name, gnss_pieces.meta)
         gnss_data = gnss_pieces.gnss
         meta = {**gnss_pieces.meta, **meta, "gnss_source": gnss_path.name, "gnss_format": gnss_reader.name}
         parts[gnss_path.name] = gnss_pieces
