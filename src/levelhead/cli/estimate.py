@@ -64,6 +64,7 @@ class Wanted:
     reference_point: Triple | None
     corrected: str | None
     told: Told | None
+    exports: Exports
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +75,6 @@ class Files:
     imu: str | None
     mapping: Path | None
     log_format: str | None
-    exports: Exports
 
 
 def estimate(
