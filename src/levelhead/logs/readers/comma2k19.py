@@ -31,7 +31,7 @@ WHEELS: Final = ("wheel_speed", "speed")
 MAX_SEGMENTS: Final = 10_000
 HELD_S: Final = 0.05
 """Samples of two sensors that are further apart than this do not belong together, s."""
-JITTER_S: Final = 0.5
+JITTER_S: Final = 0.25
 """A receiver whose UTC and stamps differ by more than this, apart from a constant, is stamped as it came, s."""
 VERTICAL_SIGMA: Final = (0.5, 0.05)
 """Sigma of a vertical velocity that nobody tells: at least this much, m/s, and this share of the speed."""
@@ -65,6 +65,13 @@ def read(source: Source) -> Pieces:
     LogError
         When a signal that is needed is absent, or is no array of the shape that it should have.
     """
+    # Damaged numbers may be huge, or no numbers; what comes of them is checked.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _read(source)
+
+
+def _read(source: Source) -> Pieces:
+    """Read all segments, one after the other."""
     logs = _find_logs(source.path)
     if not logs:
         raise LogError(f"{source.path} has no {LOG} with IMU and GNSS signals of comma2k19; pass the segment's folder.")
@@ -226,7 +233,7 @@ def _wheel_speed(log: Path, time: FloatArray) -> tuple[FloatArray | None, int]:
     if name is None or time.size < 2:
         return None, 0
     wheels = _signal(log, "CAN", name, _header(log / "CAN" / name / "value").columns)
-    speed = wheels.value.mean(axis=1)
+    speed = wheels.value.mean(axis=1) if wheels.value.shape[1] else np.full(len(wheels.value), np.nan)
     usable = np.isfinite(speed) & np.isfinite(wheels.time)
     order = np.argsort(time, kind="stable")
     after = np.clip(np.searchsorted(time[order], wheels.time[usable]), 1, time.size - 1)
@@ -246,7 +253,7 @@ def _joined(parts: Sequence[FloatArray | None], sizes: Sequence[int]) -> FloatAr
 
 
 def _gnss(log: Path, name: str) -> tuple[FloatArray, int]:
-    """Return the fixes of a segment, (m, 6): stamp, latitude, longitude (deg), height, speed, bearing (deg); rows cut."""
+    """Return the fixes of a segment, (m, 6): stamp, latitude, longitude, height, speed, bearing; and the rows cut."""
     signal = _signal(log, "GNSS", name, 6)
     latitude, longitude, speed, utc_ms, height, bearing = signal.value.T
     time = _even_stamps(signal.time, utc_ms / 1e3)

@@ -8,11 +8,13 @@ east, down) and their sigmas besides.
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from levelhead.conventions import GRAVITY, FloatArray
 from levelhead.errors import LogError
@@ -21,6 +23,9 @@ from levelhead.logs.pieces import GnssData, ImuData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import find_layout, is_text, read_numbers
 from levelhead.logs.timescales import WEEK_S
+
+BoolArray = NDArray[np.bool_]
+ByteArray = NDArray[np.uint8]
 
 IMU_WIDTHS: Final = (7, 8)
 GNSS_WIDTHS: Final = (7, 13)
@@ -43,6 +48,13 @@ MAX_SIGMA_M: Final = 1000.0
 MAX_DEGREES_S: Final = 0.01
 """No land vehicle changes its latitude or longitude by more than this in a second (1 km/s), degrees."""
 HEIGHTS_M: Final = (-1000.0, 10_000.0)
+MAX_INCREMENT_S: Final = 1000.0
+"""A larger angle (rad) or velocity (m/s) in a second is none that an IMU measures."""
+MAX_RESYNCS: Final = 100
+RESYNC_BYTES: Final = 10_000
+"""How far beyond damage the next record is sought."""
+RESYNC_S: Final = 60.0
+"""And how far its stamp may be behind the last one, s."""
 ODD_INTERVAL: Final = 1.5
 """An interval longer than the usual one by this factor, or shorter by it, may not be what its increments span."""
 
@@ -66,6 +78,13 @@ def read(source: Source) -> Pieces:
     LogError
         Naming file and line of what is wrong; on a GNSS file whose 13 columns can be read in two ways.
     """
+    # Damaged numbers may be huge, or no numbers; what comes of them is checked.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _read(source)
+
+
+def _read(source: Source) -> Pieces:
+    """Read one of the three forms."""
     with source.path.open("rb") as file:
         head = file.read(65536)
     form = _form(source.path, head)
@@ -75,13 +94,21 @@ def read(source: Source) -> Pieces:
             f"{name}: the rows are not those of KF-GINS: second of the week and increments (7 or 8 columns), or second "
             "of the week, position and sigmas (7 or 13 columns)."
         )
-    rows, left_out = _binary(source.path) if form == "binary" else _text(source.path)
+    rows, left_out, damaged = _binary(source.path) if form == "binary" else (*_text(source.path), "")
+    good = (rows[:, 0] >= 0.0) & (rows[:, 0] <= WEEK_S) if form == "gnss" else _possible(rows, _usual(rows[:, 0]))
+    if not good.all() and not damaged:
+        damaged = (
+            f"{name}: {int((~good).sum())} of {good.size} rows hold numbers that cannot be, the first of them row "
+            f"{int(np.argmin(good)) + 1}."
+        )
+    rows = rows[good]
     if len(rows) < MIN_LINES:
         raise LogError(f"{name}: the file has {len(rows)} whole rows; check the recording or the copy.")
     rows[:, 0] = _unwrapped(rows[:, 0])
     if form == "gnss":
-        return Pieces(gnss=_gnss(name, rows), left_out=left_out, from_zero=True, meta={HEIGHT_KEY: ELLIPSOIDAL})
-    return Pieces(imu=_imu(rows), left_out=left_out, from_zero=True)
+        meta = {HEIGHT_KEY: ELLIPSOIDAL}
+        return Pieces(gnss=_gnss(name, rows), left_out=left_out, damaged=damaged, from_zero=True, meta=meta)
+    return Pieces(imu=_imu(rows), left_out=left_out, damaged=damaged, from_zero=True)
 
 
 def _form(path: Path, head: bytes) -> str | None:
@@ -148,12 +175,58 @@ def _is_gnss(rows: FloatArray) -> bool:
     )
 
 
-def _binary(path: Path) -> tuple[FloatArray, int]:
-    """Return the whole records of a binary file, and whether a cut one follows them."""
-    rows = np.fromfile(path, dtype=RECORD)
-    whole = rows.size // 7
-    cut = path.stat().st_size != whole * RECORD_BYTES
-    return rows[: whole * 7].reshape(whole, 7).astype(np.float64), int(cut)
+def _usual(time: FloatArray) -> float:
+    """Return the usual time between samples, s."""
+    steps = np.diff(time)
+    steps = steps[steps > 0.0]
+    return float(np.median(steps)) if steps.size else 1.0
+
+
+def _possible(rows: FloatArray, period: float) -> BoolArray:
+    """Return which rows are numbers that an IMU of this period (s) can have written."""
+    with np.errstate(all="ignore"):
+        largest = np.abs(rows[:, 1:7]).max(axis=1, initial=0.0)
+        possible: BoolArray = (rows[:, 0] >= 0.0) & (rows[:, 0] <= WEEK_S) & (largest <= MAX_INCREMENT_S * period)
+    return possible
+
+
+def _binary(path: Path) -> tuple[FloatArray, int, str]:
+    """Return the records of a binary file, whether a cut one ends it, and a sentence where it is damaged.
+
+    Nothing marks the beginning of a record: behind one that cannot be, the next byte is sought from which several
+    records are possible and go on in time.
+    """
+    content = np.fromfile(path, dtype=np.uint8)
+    period = _usual(_records(content[: SNIFFED_LINES * RECORD_BYTES])[:, 0])
+    pieces: list[FloatArray] = []
+    damaged, at = "", 0
+    for _ in range(MAX_RESYNCS):
+        rows = _records(content[at:])
+        bad = np.flatnonzero(~_possible(rows, period))
+        if not bad.size:
+            pieces.append(rows)
+            at += rows.size * RECORD.itemsize
+            break
+        pieces.append(rows[: bad[0]])
+        at += int(bad[0]) * RECORD_BYTES
+        damaged = damaged or f"{path.name} is damaged at byte {at}; records there were not read."
+        last = next((float(piece[-1, 0]) for piece in reversed(pieces) if len(piece)), 0.0)
+        at = _next_record(content, at + 1, last, period)
+    return np.concatenate(pieces), int(at < content.size), damaged
+
+
+def _records(content: ByteArray) -> FloatArray:
+    whole = content.size // RECORD_BYTES
+    return content[: whole * RECORD_BYTES].view(RECORD).reshape(whole, 7).astype(np.float64)
+
+
+def _next_record(content: ByteArray, at: int, last: float, period: float) -> int:
+    """Return the first byte from which three records are possible, close behind the last stamp; or the end."""
+    for start in range(at, min(at + RESYNC_BYTES, content.size - 3 * RECORD_BYTES + 1)):
+        rows = _records(content[start : start + 3 * RECORD_BYTES])
+        if _possible(rows, period).all() and last < rows[0, 0] < last + RESYNC_S and (np.diff(rows[:, 0]) > 0.0).all():
+            return start
+    return content.size
 
 
 def _text(path: Path) -> tuple[FloatArray, int]:
@@ -163,6 +236,11 @@ def _text(path: Path) -> tuple[FloatArray, int]:
     stripped = content.rstrip(b"\0")
     if not stripped.endswith(b"\n"):
         content, cut = stripped[: stripped.rfind(b"\n") + 1], 1
+    try:
+        return np.loadtxt(io.BytesIO(content), dtype=np.float64, comments=None, ndmin=2), cut
+    except ValueError:
+        # Something is wrong in it, and the slow way says where.
+        pass
     # Columns are padded with blanks; one blank in the place of several leaves lines and their numbers as they are.
     content = _LINE_ENDS.sub(b"\n", _BLANKS.sub(b" ", content)).lstrip(b" ")
     layout = find_layout(content, name=path.name, header=False, delimiter=" ")
@@ -195,9 +273,8 @@ def _intervals(time: FloatArray, dvel: FloatArray) -> FloatArray:
     That is the time since the sample before. Where samples are lost, some IMUs add the increments up and some lose
     them too: of an odd interval and the usual one, that which makes the specific force more like gravity is taken.
     """
-    steps = np.diff(time)
-    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 1.0
-    interval = np.concatenate(([usual], steps))
+    usual = _usual(time)
+    interval = np.concatenate(([usual], np.diff(time)))
     odd = np.flatnonzero(~((interval < ODD_INTERVAL * usual) & (interval > usual / ODD_INTERVAL)))
     fits = np.zeros(odd.size, dtype=np.bool_)
     ahead = interval[odd] > 0.0

@@ -147,7 +147,7 @@ def _read_stamps(path: Path) -> tuple[FloatArray, BoolArray]:
     texts = np.array([line.decode() if ok else "NaT" for line, ok in zip(lines, good, strict=True)])
     try:
         instants = texts.astype("datetime64[ns]")
-    except ValueError:
+    except (ValueError, OverflowError):
         # A month 13 has the form of a stamp.
         instants = np.array([_instant(text) for text in texts], dtype="datetime64[ns]")
         bad |= good & np.isnat(instants)
@@ -158,7 +158,7 @@ def _read_stamps(path: Path) -> tuple[FloatArray, BoolArray]:
 def _instant(text: str) -> np.datetime64:
     try:
         return np.datetime64(text, "ns")
-    except ValueError:
+    except (ValueError, OverflowError):
         return np.datetime64("NaT", "ns")
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -58,16 +59,12 @@ def read(source: Source) -> Pieces:
         When the mapping names columns by number without saying of which variable.
     """
     mat = open_mat(source.path)
-    if source.imu_mapping is not None or source.gnss_mapping is not None:
-        pieces = mapped_pieces(source, lambda mapping: _numbers(mat, mapping))
-    else:
-        pieces = _known_layout(mat, source)
-    return _marked(pieces, mat)
-
-
-def _marked(pieces: Pieces, mat: MatFile) -> Pieces:
-    from dataclasses import replace
-
+    # Damaged numbers may be huge; what comes of them is checked.
+    with np.errstate(over="ignore", invalid="ignore"):
+        if source.imu_mapping is not None or source.gnss_mapping is not None:
+            pieces = mapped_pieces(source, lambda mapping: _numbers(mat, mapping))
+        else:
+            pieces = _known_layout(mat, source)
     return replace(pieces, left_out=pieces.left_out + int(mat.cut), damaged=mat.damaged)
 
 
