@@ -125,15 +125,17 @@ def _form(path: Path, head: bytes) -> str | None:
 
 
 def _first_rows(head: bytes) -> FloatArray:
-    """Return the numbers of the first whole lines, of no rows where they are no numbers, or not equally many."""
-    lines = head.split(b"\n")[:-1][:SNIFFED_LINES]
-    try:
-        rows = [[float(word) for word in line.split()] for line in lines]
-    except ValueError:
-        return np.empty((0, 0))
-    if not rows or any(len(row) != len(rows[0]) for row in rows):
-        return np.empty((0, 0))
-    return np.array(rows)
+    """Return the numbers of the first whole lines, as far as they are numbers and equally many."""
+    rows: list[list[float]] = []
+    for line in head.split(b"\n")[:-1][:SNIFFED_LINES]:
+        try:
+            row = [float(word) for word in line.split()]
+        except ValueError:
+            break
+        if rows and len(row) != len(rows[0]):
+            break
+        rows.append(row)
+    return np.array(rows).reshape(len(rows), len(rows[0]) if rows else 0)
 
 
 def _stamps_fit(time: FloatArray, periods: tuple[float, float]) -> bool:
