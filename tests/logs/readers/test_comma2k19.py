@@ -224,7 +224,8 @@ def test_its_axes_are_forward_right_down_as_the_camera_saw_it(data_folder: Path)
     rates = turn_rates(q, time)
     window = np.ones(5) / 5.0
     middle = 0.5 * (time[1:] + time[:-1])
-    for axis, least in ((0, 0.98), (1, 0.98), (2, 0.85)):  # yaw hardly changes on a motorway
+    # The camera's rates are differences over 50 ms, the gyro's averages over as much; yaw hardly changes on a motorway.
+    for axis, least in ((0, 0.95), (1, 0.95), (2, 0.85)):
         gyro = np.interp(middle, log.time, np.convolve(log.gyro[:, axis], window, "same"))[20:-20]
         assert np.corrcoef(gyro, rates[20:-20, axis])[0, 1] > least
 

@@ -2,7 +2,7 @@
 
 ``oxts/timestamps.txt`` has one line per sample, ``oxts/data/0000000000.txt`` and so on 30 numbers each. All of them are
 the output of an inertial navigation system: its biases are taken off the readings, and its velocities come at the
-IMU's rate. KITTI-360 has the same layout. Axes are forward, left, up: level and at rest the z axis reads +9.8.
+IMU's rate. Axes are forward, left, up: level and at rest the z axis reads +9.8.
 """
 
 from __future__ import annotations

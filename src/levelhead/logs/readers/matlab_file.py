@@ -79,6 +79,8 @@ class MatFile:
         """
         variable = self.variables[name]
         where = f"{self.name}: the variable {name} (at byte {variable.start})"
+        if math.prod(variable.shape) > MAX_BYTES // 8:
+            raise LogError(f"{where} is larger than {MAX_BYTES >> 20} MiB; save fewer samples in one file.")
         try:
             element = _inflated(variable.data, where) if variable.deflated else variable.data
             return _Reader(element, self.order).matrix(0)
