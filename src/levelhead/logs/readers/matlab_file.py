@@ -27,6 +27,8 @@ MAX_BYTES: Final = 1 << 29
 MAX_DEPTH: Final = 8
 """Structs in structs."""
 MAX_FIELDS: Final = 1000
+CHUNK_BYTES: Final = 1 << 16
+"""Deflated data is fed in pieces: zlib then takes no more memory than it needs."""
 PREFIX_BYTES: Final = 1024
 """Enough of a variable for its class, dimensions and name."""
 
@@ -138,7 +140,7 @@ def open_mat(path: Path) -> MatFile:
 def _variable(content: bytes, at: int, end: int, order: str, *, deflated: bool) -> Variable:
     """Return what the head of an element says."""
     data = content[at + 8 : end] if deflated else content[at:end]
-    prefix = zlib.decompressobj().decompress(data, PREFIX_BYTES) if deflated else data[:PREFIX_BYTES]
+    prefix = zlib.decompressobj().decompress(data[: 2 * PREFIX_BYTES], PREFIX_BYTES) if deflated else data[:PREFIX_BYTES]
     head = _Reader(prefix, order).head(0)
     kind = _CLASSES.get(head.kind, "integer" if head.kind in _NUMBERS else "unknown")
     return Variable(name=head.name, kind=kind, shape=head.shape, start=at, data=data, deflated=deflated)
@@ -147,12 +149,15 @@ def _variable(content: bytes, at: int, end: int, order: str, *, deflated: bool) 
 def _inflated(data: bytes, where: str) -> bytes:
     """Return the inflated element; its check sum is checked, and a bomb does not go off."""
     inflater = zlib.decompressobj()
-    element = inflater.decompress(data, MAX_BYTES)
-    if inflater.unconsumed_tail:
-        raise LogError(f"{where} is larger than {MAX_BYTES >> 20} MiB; save fewer samples in one file.")
+    pieces, left = [], MAX_BYTES
+    for at in range(0, len(data), CHUNK_BYTES):
+        pieces.append(inflater.decompress(data[at : at + CHUNK_BYTES], left))
+        left -= len(pieces[-1])
+        if inflater.unconsumed_tail or left == 0:
+            raise LogError(f"{where} is larger than {MAX_BYTES >> 20} MiB; save fewer samples in one file.")
     if not inflater.eof:
         raise _BadElementError("its deflated data ends early")
-    return element
+    return b"".join(pieces)
 
 
 @dataclass(frozen=True, kw_only=True)
