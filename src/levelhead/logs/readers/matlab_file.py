@@ -140,7 +140,9 @@ def open_mat(path: Path) -> MatFile:
 def _variable(content: bytes, at: int, end: int, order: str, *, deflated: bool) -> Variable:
     """Return what the head of an element says."""
     data = content[at + 8 : end] if deflated else content[at:end]
-    prefix = zlib.decompressobj().decompress(data[: 2 * PREFIX_BYTES], PREFIX_BYTES) if deflated else data[:PREFIX_BYTES]
+    prefix = data[: 2 * PREFIX_BYTES]
+    if deflated:
+        prefix = zlib.decompressobj().decompress(prefix, PREFIX_BYTES)
     head = _Reader(prefix, order).head(0)
     kind = _CLASSES.get(head.kind, "integer" if head.kind in _NUMBERS else "unknown")
     return Variable(name=head.name, kind=kind, shape=head.shape, start=at, data=data, deflated=deflated)
