@@ -18,6 +18,7 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "W_CALIBRATION_CHANGED": "The autopilot changed its calibration during the log, and the biases with it:",
     "W_COMPENSATED": "The readings had biases taken off before they were recorded.",
     "I_VELOCITY_2D": "The receiver tells no vertical velocity: it was taken as zero, with a wide sigma.",
+    "I_DECIMATED": "An INS tells its velocity with every IMU sample; only some of these were taken as GNSS epochs:",
     "I_REORDERED": "Samples were not in the order of their time stamps, and were sorted.",
     "W_DUP_TIME": "Of samples with the same time stamp the first was used, the others dropped.",
     "W_NO_EPOCHS": "GNSS epochs outside the span of the IMU data were not used.",

@@ -18,6 +18,7 @@ COLUMNS = (
     'columns = { time = "t", gyro_x = "gx", gyro_y = "gy", gyro_z = "gz", accel_x = "ax", accel_y = "ay", '
     'accel_z = "az" }\n'
 )
+ECEF = 'columns = { time = "t", ecef_x = "x", ecef_y = "y", ecef_z = "z" }'
 NUMBERS = "columns = { time = 7, accel_x = 1, accel_y = 2, accel_z = 3, gyro_x = 4, gyro_y = 5, gyro_z = 6 }\n"
 
 
@@ -146,6 +147,20 @@ def test_time_zero_is_text_or_a_toml_instant(put: Writer, value: str) -> None:
             "columns has some of lat, lon and height; give all three or none.",
         ),
         ('[gnss]\naxes = ["x", "y", "z"]\ncolumns = { time = "t" }', "[gnss]: the key 'axes' is not known"),
+        ("[imu]\nvariable = 3\n" + COLUMNS, "variable is 3; write a variable of a MATLAB file"),
+        ('[imu]\nvariable = "a b"\n' + COLUMNS, "variable is 'a b'; write a variable of a MATLAB file"),
+        ('[imu]\nvariable = "IMU"\nheader = false\n' + NUMBERS, "variable is for a MATLAB file, header for a CSV"),
+        ('[imu]\nvariable = "IMU"\n' + NUMBERS.replace("7", "0"), "column time is 0; write a number from 1 on, or a"),
+        ('[gnss]\ncolumns = { time = "t", ecef_x = "x", ecef_y = "y" }', "some of ecef_x, ecef_y, ecef_z; give all"),
+        ("[gnss]\n" + ECEF.replace(" }", ', lat = "a", lon = "b", height = "c" }'), "columns has positions as ecef_x"),
+        (
+            "[gnss]\n" + ECEF.replace(" }", ', vel_n = "n", vel_ecef_x = "a", vel_ecef_y = "b", vel_ecef_z = "c" }'),
+            "columns has velocities as vel_ecef_x, ... and as vel_n, ...; give one of them.",
+        ),
+        (
+            '[gnss]\ncolumns = { time = "t", vel_ecef_x = "a", vel_ecef_y = "b", vel_ecef_z = "c" }',
+            "vel_ecef_x, vel_ecef_y and vel_ecef_z need a position.",
+        ),
     ],
 )
 def test_a_mistake_is_named(put: Writer, text: str, sentence: str) -> None:

@@ -1,4 +1,4 @@
-"""The mapping file: a TOML text that says which columns of a foreign CSV mean what.
+"""The mapping file: a TOML text that says which columns of a foreign CSV or MATLAB file mean what.
 
 ::
 
@@ -19,6 +19,14 @@
     datum = "ETRS89"      # within a metre of WGS84, the default
     height = "mean sea level"     # or "ellipsoidal"
 
+Positions may be given as ``ecef_x``, ``ecef_y``, ``ecef_z`` (m), velocities as ``vel_ecef_x``, ``vel_ecef_y``,
+``vel_ecef_z`` (m/s), Earth-centred and Earth-fixed: they are turned into latitude, longitude, height and north, east,
+down.
+
+In a MATLAB file (``.mat``) the columns are names of variables, of fields of a struct (``"log.gyro"``), and columns of
+either (``"log.gyro(:,3)"``). ``variable = "IMU"`` names a matrix whose columns are then numbers from 1 on, or a struct
+whose fields the columns then are.
+
 Mounting is the attitude of the IMU (its axes already forward, right, down) relative to the vehicle, as yaw, pitch,
 roll (3-2-1): ``v_vehicle = Rz(yaw) Ry(pitch) Rx(roll) v_imu``. An IMU whose x axis points to the right of the
 vehicle's has a positive yaw. The readings are turned into the vehicle's axes.
@@ -28,6 +36,7 @@ from __future__ import annotations
 
 import datetime
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -54,8 +63,20 @@ from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, declared
 
 UP_COLUMN: Final = "vel_u"
 """A velocity column of mappings only: up, the negative of vel_d."""
+ECEF_COLUMNS: Final = ("ecef_x", "ecef_y", "ecef_z")
+"""Positions of mappings only: Earth-centred, Earth-fixed, m."""
+ECEF_VELOCITY_COLUMNS: Final = ("vel_ecef_x", "vel_ecef_y", "vel_ecef_z")
+"""Velocities along the same axes, m/s."""
+_UNITS: Final = {
+    **CANONICAL_UNITS,
+    **dict.fromkeys((UP_COLUMN, *ECEF_VELOCITY_COLUMNS), "m/s"),
+    **dict.fromkeys(ECEF_COLUMNS, "m"),
+}
+VARIABLE: Final = re.compile(r"[A-Za-z]\w*(?:\.[A-Za-z]\w*)*", re.ASCII)
+"""A MATLAB variable, or a field of a struct."""
 
-_TABLE_KEYS: Final = ("header", "delimiter", "columns", "units", "time_offset_s")
+_CSV_KEYS: Final = ("header", "delimiter")
+_TABLE_KEYS: Final = (*_CSV_KEYS, "variable", "columns", "units", "time_offset_s")
 _IMU_KEYS: Final = (*_TABLE_KEYS, "axes", "mounting_deg", "time_zero")
 _GNSS_KEYS: Final = (*_TABLE_KEYS, DATUM_KEY, HEIGHT_KEY)
 _IMU_COLUMNS: Final = (TIME_COLUMN, *GYRO_COLUMNS, *ACCEL_COLUMNS)
@@ -63,20 +84,24 @@ _GNSS_COLUMNS: Final = (
     TIME_COLUMN,
     *VELOCITY_COLUMNS,
     UP_COLUMN,
+    *ECEF_VELOCITY_COLUMNS,
     VELOCITY_STD_COLUMN,
     *POSITION_COLUMNS,
+    *ECEF_COLUMNS,
     POSITION_STD_COLUMN,
 )
-_GROUPS: Final = ("gyro", "accel", "vel")
+_GROUPS: Final = ("gyro", "accel", "vel", "ecef")
 """Unit keys that stand for all columns which begin with them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TableMapping:
-    """Which columns of a CSV mean what.
+    """Which columns of a CSV or of a MATLAB file mean what.
 
     Attributes
     ----------
+    variable : str or None
+        The variable of a MATLAB file that the columns are part of; None for a CSV, and for variables of their own.
     columns : mapping
         Canonical name to the file's column: a name, or a number from 1 where the file has no header.
     factors : mapping
@@ -87,6 +112,7 @@ class TableMapping:
 
     header: bool
     delimiter: str
+    variable: str | None
     columns: Mapping[str, str | int]
     factors: Mapping[str, float]
     time_offset_s: float
@@ -181,24 +207,38 @@ def _imu(where: str, section: Mapping[str, object]) -> ImuMapping:
 def _gnss(where: str, section: Mapping[str, object]) -> GnssMapping:
     _known_keys(where, section, _GNSS_KEYS)
     table = _table(where, section, _GNSS_COLUMNS, required=(TIME_COLUMN,))
-    has = set(table.columns)
+    _check_gnss_columns(where, set(table.columns))
+    datum, height = (_text(where, key, section.get(key)) for key in (DATUM_KEY, HEIGHT_KEY))
+    return GnssMapping(table=table, meta=declared(where, datum=datum, height=height))
+
+
+def _check_gnss_columns(where: str, has: set[str]) -> None:
+    """Refuse columns that say nothing without others, and two columns for one thing."""
+    geodetic, ecef = set(POSITION_COLUMNS), set(ECEF_COLUMNS)
     if VELOCITY_COLUMNS[2] in has and UP_COLUMN in has:
         raise UsageError(f"{where}: columns has both vel_d and vel_u; give one of them.")
     horizontal, vertical = set(VELOCITY_COLUMNS[:2]), {VELOCITY_COLUMNS[2], UP_COLUMN}
+    for group, other, names in (
+        (ecef, geodetic, "positions as ecef_x, ecef_y, ecef_z and as lat, lon, height"),
+        (set(ECEF_VELOCITY_COLUMNS), horizontal | vertical, "velocities as vel_ecef_x, ... and as vel_n, ..."),
+    ):
+        if has & group and has & other:
+            raise UsageError(f"{where}: columns has {names}; give one of them.")
+        if has & group and not group <= has:
+            raise UsageError(f"{where}: columns has some of {', '.join(sorted(group))}; give all three or none.")
     velocity = horizontal <= has and bool(vertical & has)
-    position = set(POSITION_COLUMNS) <= has
+    position = geodetic <= has or ecef <= has
     if not (velocity or position) or (has & (horizontal | vertical) and not velocity):
         raise UsageError(
-            f"{where}: columns must have vel_n, vel_e and vel_d (or vel_u), or lat, lon and height, or all of them."
+            f"{where}: columns must have vel_n, vel_e and vel_d (or vel_u), or lat, lon and height (or ecef_x, ecef_y, "
+            "ecef_z), or all of them; vel_ecef_x, vel_ecef_y and vel_ecef_z need a position."
         )
-    if has & set(POSITION_COLUMNS) and not position:
+    if has & geodetic and not position:
         raise UsageError(f"{where}: columns has some of lat, lon and height; give all three or none.")
     if POSITION_STD_COLUMN in has and not position:
         raise UsageError(
             f"{where}: columns has pos_std without lat, lon and height; give the positions or leave it out."
         )
-    datum, height = (_text(where, key, section.get(key)) for key in (DATUM_KEY, HEIGHT_KEY))
-    return GnssMapping(table=table, meta=declared(where, datum=datum, height=height))
 
 
 def _table(
@@ -210,26 +250,46 @@ def _table(
     delimiter = section.get("delimiter", ",")
     if not isinstance(delimiter, str) or len(delimiter) != 1 or not delimiter.isascii():
         raise UsageError(f'{where}: delimiter is {delimiter!r}; write one character such as ";".')
-    columns = _columns(where, section.get("columns"), known, header=header)
+    variable = section.get("variable")
+    if variable is not None and (not isinstance(variable, str) or VARIABLE.fullmatch(variable) is None):
+        raise UsageError(f'{where}: variable is {variable!r}; write a variable of a MATLAB file, such as "IMU".')
+    of_csv = [key for key in _CSV_KEYS if key in section]
+    if variable is not None and of_csv:
+        raise UsageError(f"{where}: variable is for a MATLAB file, {of_csv[0]} for a CSV; give one of them.")
+    columns = _columns(where, section.get("columns"), known, header=header, variable=variable)
     missing = [c for c in required if c not in columns]
     if missing:
         raise UsageError(f"{where}: columns lacks {', '.join(missing)}.")
     offset = _number(where, "time_offset_s", section.get("time_offset_s", 0.0))
     factors = _factors(where, section.get("units", {}), columns)
-    return TableMapping(header=header, delimiter=delimiter, columns=columns, factors=factors, time_offset_s=offset)
+    return TableMapping(
+        header=header,
+        delimiter=delimiter,
+        variable=variable,
+        columns=columns,
+        factors=factors,
+        time_offset_s=offset,
+    )
 
 
-def _columns(where: str, value: object, known: tuple[str, ...], *, header: bool) -> dict[str, str | int]:
+def _columns(
+    where: str, value: object, known: tuple[str, ...], *, header: bool, variable: str | None
+) -> dict[str, str | int]:
     if not isinstance(value, dict) or not value:
         raise UsageError(f"{where}: columns is missing; write columns = {{ time = ..., ... }}.")
     _known_keys(f"{where}, columns", value, known)
     columns: dict[str, str | int] = {}
     for column, target in value.items():
-        if header and not (isinstance(target, str) and target):
+        number = isinstance(target, int) and not isinstance(target, bool) and target >= 1
+        if variable is not None and not number and not (isinstance(target, str) and target):
+            raise UsageError(
+                f"{where}: the column {column} is {target!r}; write a number from 1 on, or a field of {variable}."
+            )
+        if variable is None and header and not (isinstance(target, str) and target):
             raise UsageError(
                 f"{where}: the column {column} is {target!r}; write a name of the header line, or header = false."
             )
-        if not header and (isinstance(target, bool) or not isinstance(target, int) or target < 1):
+        if variable is None and not header and not number:
             raise UsageError(f"{where}: the column {column} is {target!r}; without a header write a number from 1 on.")
         columns[column] = target
         if list(columns.values()).count(target) > 1:
@@ -245,7 +305,7 @@ def _factors(where: str, value: object, columns: Mapping[str, str | int]) -> dic
     _known_keys(f"{where}, units", value, (*columns, *keys))
     factors = {}
     for column in columns:
-        canonical = CANONICAL_UNITS["vel_d" if column == UP_COLUMN else column]
+        canonical = _UNITS[column]
         unit = value.get(column, value.get(column.partition("_")[0], canonical))
         known = UNIT_FACTORS[canonical]
         if not isinstance(unit, str) or unit not in known:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.events import Event, merge_events
 from levelhead.logs.log import Log
@@ -165,6 +166,12 @@ def _together(first: Corrections, second: Corrections) -> Corrections:
     )
 
 
+def _as_read(log: Log) -> FloatArray:
+    """Return the rotation from the file's axes to those in which the reader gave the readings."""
+    dcm = log.meta.get("dcm_file_to_body")
+    return np.eye(3) if dcm is None else np.asarray(dcm, dtype=np.float64)
+
+
 def _marked(log: Log, findings: tuple[Finding, ...], fix: Corrections) -> Log:
     """Return the log with what was found in its meta and its events."""
     events = [
@@ -175,7 +182,7 @@ def _marked(log: Log, findings: tuple[Finding, ...], fix: Corrections) -> Log:
     values = {f.name: f.values for f in findings}
     mounting = {axis: values.get("mounting yaw", {}).get(f"{axis}_deg") for axis in ("yaw", "pitch", "roll")}
     meta: dict[str, object] = {
-        "dcm_file_to_body": tuple(tuple(float(v) for v in row) for row in fix.accel_dcm),
+        "dcm_file_to_body": tuple(tuple(float(v) for v in row) for row in fix.accel_dcm @ _as_read(log)),
         "latency_s": values.get("clock", {}).get("latency_s", fix.latency_s or None),
         "preflight": {"findings": [f.as_dict() for f in findings]},
     }

@@ -10,9 +10,10 @@ import numpy as np
 from levelhead.conventions import UNIT_FACTORS, FloatArray
 from levelhead.errors import UsageError
 from levelhead.estimators.params import Triple
+from levelhead.logs.ecef import ned_from_ecef
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import rotation_321
-from levelhead.preflight.frames import ECEF, VELOCITY_FRAMES, from_ecef
+from levelhead.preflight.frames import ECEF, VELOCITY_FRAMES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +111,7 @@ def _velocity_in_ned(log: Log, frame: str) -> dict[str, object]:
         raise UsageError("Velocities in ECEF need positions beside them to be turned into NED; the log has none.")
     known = np.isfinite(log.position_llh).all(axis=1)
     places = [np.interp(log.gnss_time, log.gnss_time[known], log.position_llh[known, i]) for i in range(3)]
-    changes = {"velocity_ned": from_ecef(log.velocity_ned, np.column_stack(places))}
+    changes = {"velocity_ned": ned_from_ecef(log.velocity_ned, np.column_stack(places))}
     if log.velocity_std is not None and log.velocity_std.ndim == 2:
         # Which axis is which is lost: their mean, for all three.
         changes["velocity_std"] = np.sqrt((log.velocity_std**2).mean(axis=1))

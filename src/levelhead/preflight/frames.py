@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from levelhead.conventions import GRAVITY, FloatArray
+from levelhead.logs.ecef import ned_from_ecef
 from levelhead.preflight.windows import Increments, Motion, Windows, epoch_times, on_grid, turned
 
 VELOCITY_FRAMES: Final[dict[str, FloatArray]] = {
@@ -214,7 +215,7 @@ def frames_by_positions(
     if mean.shape[0] < 20 or np.hypot(*moved[:, :2].T).max() < 1.0:
         return {}
     as_ned = {name: mean @ turn.T for name, turn in VELOCITY_FRAMES.items()}
-    as_ned[ECEF] = from_ecef(mean, position_llh[1:][whole])
+    as_ned[ECEF] = ned_from_ecef(mean, position_llh[1:][whole])
     misfit = {name: found - moved for name, found in as_ned.items()}
     best = min(misfit, key=lambda name: float(np.median(np.linalg.norm(misfit[name], axis=1))))
     usual = 0.3 * float(np.median(np.linalg.norm(moved, axis=1))) + 0.2
@@ -226,13 +227,3 @@ def frames_by_positions(
     behind = {name: -0.25 * float((found - square[best]).sum()) for name, found in square.items()}
     top = max(behind.values())
     return {name: value - top for name, value in behind.items()}
-
-
-def from_ecef(velocity: FloatArray, position_llh: FloatArray) -> FloatArray:
-    """Turn velocities (m, 3) of the Earth-centred, Earth-fixed frame into NED at positions (m, 3; rad, rad, m)."""
-    import pymap3d
-
-    latitude, longitude, _ = position_llh.T
-    u, v, w = velocity.T
-    east, north, up = pymap3d.ecef2enuv(u, v, w, latitude, longitude, deg=False)
-    return np.column_stack((north, east, -np.asarray(up)))

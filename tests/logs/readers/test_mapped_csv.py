@@ -145,6 +145,45 @@ def test_quoted_text_with_commas_is_one_cell(put: Writer) -> None:
     np.testing.assert_array_equal(log.gnss_time, [0.5])
 
 
+ECEF = (Path(__file__).parents[3] / "examples" / "mappings" / "ecef-csv.toml").read_text(encoding="utf-8")
+FIXES = (
+    "tow,x,y,z,vx,vy,vz\n"
+    "0.0,0.0,0.0,0.0,0.1,0.2,0.3\n"
+    # On the equator at 90 degrees east, 100 m up: the Earth's y axis points up, its z axis north, its x axis west.
+    "0.5,0.0,6378237.0,0.0,1.0,2.0,3.0\n"
+    "1.0,,,,,,\n"
+)
+
+
+def test_positions_and_velocities_along_the_axes_of_the_earth(put: Writer) -> None:
+    imu = put("imu.csv", "time,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n0,0,0,0,0,0,-9.8\n1,0,0,0,0,0,-9.8\n")
+    log = read(imu, gnss=put("rover.csv", FIXES), mapping=put("m.toml", ECEF))
+    np.testing.assert_array_equal(log.gnss_time, [0.5])
+    assert log.velocity_ned is not None
+    assert log.position_llh is not None
+    np.testing.assert_allclose(log.velocity_ned, [[3.0, -1.0, -2.0]], atol=1e-15)  # rounding
+    np.testing.assert_allclose(log.position_llh, [[0.0, np.pi / 2.0, 100.0]], atol=1e-8)  # of 6e6 m
+    # Zeros are no position: that row is counted. The empty row is a row without a fix, as everywhere.
+    assert [(event.code, event.count) for event in log.events] == [("W_DROPPED", 1)]
+    assert (log.meta["datum"], log.meta["height"]) == ("ITRF2020", "ellipsoidal")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (
+            FIXES.replace("6378237.0", "6378.237"),
+            "rover.csv, line 3: ecef_x, ecef_y, ecef_z lie 6378 m from the",
+        ),
+        (FIXES.replace(",6378237.0", ","), "rover.csv, line 3: part of ecef_x, ecef_y, ecef_z is empty (1 such"),
+    ],
+)
+def test_what_is_no_place_on_earth_is_refused(put: Writer, wrong: str, sentence: str) -> None:
+    imu = put("imu.csv", "time,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n0,0,0,0,0,0,-9.8\n1,0,0,0,0,0,-9.8\n")
+    with pytest.raises(LogError, match=re.escape(sentence)):
+        read(imu, gnss=put("rover.csv", wrong), mapping=put("m.toml", ECEF))
+
+
 def test_a_column_that_the_mapping_names_wrongly_is_named(put: Writer) -> None:
     text = "t,gx,gy,gz,ax,ay,AZ\n0,1,2,3,4,5,6\n"
     with pytest.raises(

@@ -15,6 +15,16 @@ from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
 from levelhead.logs.readers import ardupilot_bin, canonical_csv, canonical_parquet, mapped_csv, px4_ulog, rtklib_pos
+from levelhead.logs.readers import (
+    canonical_csv,
+    canonical_parquet,
+    comma2k19,
+    kfgins,
+    kitti_oxts,
+    mapped_csv,
+    matlab_mat,
+    rtklib_pos,
+)
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
@@ -30,6 +40,10 @@ READERS: Final[dict[str, Reader]] = {
         rtklib_pos.READER,
         px4_ulog.READER,
         ardupilot_bin.READER,
+        kitti_oxts.READER,
+        comma2k19.READER,
+        kfgins.READER,
+        matlab_mat.READER,
     )
 }
 """Every format by its name, in the order in which they are tried."""
@@ -197,7 +211,7 @@ def _head(path: Path) -> bytes:
 
 def _find_reader(path: Path, head: bytes, section: ImuMapping | GnssMapping | None) -> Reader:
     sniffed = next((reader for reader in READERS.values() if reader.sniff(path, head)), None)
-    if section is not None:
+    if section is not None and sniffed is not matlab_mat.READER:
         if sniffed is not None and sniffed is not canonical_csv.READER:
             raise UsageError(
                 f"{path.name} is {sniffed.title}, which needs no mapping; leave out the mapping's section for it."

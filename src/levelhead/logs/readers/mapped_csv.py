@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from levelhead.conventions import TIME_COLUMN
 from levelhead.errors import LogError, UsageError
-from levelhead.logs.mapping import UP_COLUMN, TableMapping
-from levelhead.logs.pieces import GnssData, ImuData, Pieces
+from levelhead.logs.mapping import TableMapping
+from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source, Table
-from levelhead.logs.readers.columns import MAX_NAMES_SHOWN, pieces_from_table
+from levelhead.logs.readers.columns import MAX_NAMES_SHOWN
 from levelhead.logs.readers.csv_table import CsvLayout, find_layout, read_numbers
+from levelhead.logs.readers.mapped import mapped_pieces
 
 
 def sniff(_path: Path, _head: bytes) -> bool:
@@ -32,39 +32,18 @@ def read(source: Source) -> Pieces:
     """
     if source.imu_mapping is None and source.gnss_mapping is None:
         raise UsageError(f"{source.path.name} is to be read as mapped-csv; pass mapping= with a section for it.")
-    imu: ImuData | None = None
-    gnss: GnssData | None = None
-    left_out = 0
-    if source.imu_mapping is not None:
-        zero = source.imu_mapping.time_zero_s or 0.0
-        table = _read_table(source, source.imu_mapping.table, zero)
-        left_out = table.left_out
-        raw = pieces_from_table(table).imu
-        if raw is not None:
-            dcm = source.imu_mapping.dcm_file_to_body
-            imu = replace(raw, gyro=raw.gyro @ dcm.T, accel=raw.accel @ dcm.T)
-    if source.gnss_mapping is not None:
-        table = _read_table(source, source.gnss_mapping.table, 0.0)
-        left_out = max(left_out, table.left_out)
-        gnss = pieces_from_table(table).gnss
-    meta: dict[str, object] = {} if source.gnss_mapping is None else dict(source.gnss_mapping.meta)
-    if imu is not None and source.imu_mapping is not None:
-        meta["dcm_file_to_body"] = tuple(tuple(float(v) for v in row) for row in source.imu_mapping.dcm_file_to_body)
-    return Pieces(imu=imu, gnss=gnss, left_out=left_out, from_zero=True, meta=meta)
+    return mapped_pieces(source, lambda mapping: _numbers(source.path, mapping))
 
 
-def _read_table(source: Source, mapping: TableMapping, time_zero_s: float) -> Table:
-    """Read the mapped columns into canonical names, units and signs."""
-    path = source.path
+def _numbers(path: Path, mapping: TableMapping) -> Table:
+    """Return the mapped columns as they stand in the file."""
+    if mapping.variable is not None:
+        raise UsageError(f"{path.name} is no MATLAB file; leave variable = {mapping.variable!r} out.")
     content = path.read_bytes()
     layout = find_layout(content, name=path.name, header=mapping.header, delimiter=mapping.delimiter)
     wanted = {column: _index(path.name, layout, target) for column, target in mapping.columns.items()}
     numbers = read_numbers(path, content, layout, wanted, time_column=TIME_COLUMN)
-    columns = {c: values * mapping.factors[c] for c, values in numbers.columns.items()}
-    columns[TIME_COLUMN] = columns[TIME_COLUMN] + (mapping.time_offset_s + time_zero_s)
-    if UP_COLUMN in columns:
-        columns["vel_d"] = -columns.pop(UP_COLUMN)
-    return Table(name=path.name, columns=columns, where=numbers.where, left_out=numbers.left_out)
+    return Table(name=path.name, columns=numbers.columns, where=numbers.where, left_out=numbers.left_out)
 
 
 def _index(name: str, layout: CsvLayout, target: str | int) -> int:
