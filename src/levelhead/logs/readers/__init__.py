@@ -14,7 +14,7 @@ from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
-from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, rtklib_pos
+from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, named_csv, rtklib_pos
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
@@ -24,6 +24,7 @@ PathLike = str | os.PathLike[str]
 READERS: Final[dict[str, Reader]] = {
     reader.name: reader
     for reader in (
+        named_csv.READER,
         canonical_csv.READER,
         canonical_parquet.READER,
         mapped_csv.READER,
@@ -31,6 +32,9 @@ READERS: Final[dict[str, Reader]] = {
     )
 }
 """Every format by its name, in the order in which they are tried."""
+
+_MAPPABLE: Final = (named_csv.READER, canonical_csv.READER)
+"""Formats that a mapping may read otherwise: what the columns mean is taken from their names or their numbers."""
 
 SNIFFED_BYTES: Final = 65536
 
@@ -192,7 +196,7 @@ def _head(path: Path) -> bytes:
 def _find_reader(path: Path, head: bytes, section: ImuMapping | GnssMapping | None) -> Reader:
     sniffed = next((reader for reader in READERS.values() if reader.sniff(path, head)), None)
     if section is not None:
-        if sniffed is not None and sniffed is not canonical_csv.READER:
+        if sniffed is not None and sniffed not in _MAPPABLE:
             raise UsageError(
                 f"{path.name} is {sniffed.title}, which needs no mapping; leave out the mapping's section for it."
             )
