@@ -14,7 +14,7 @@ from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
-from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, named_csv, rtklib_pos
+from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, named_csv, plain_csv, rtklib_pos
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
@@ -29,11 +29,12 @@ READERS: Final[dict[str, Reader]] = {
         canonical_parquet.READER,
         mapped_csv.READER,
         rtklib_pos.READER,
+        plain_csv.READER,
     )
 }
 """Every format by its name, in the order in which they are tried."""
 
-_MAPPABLE: Final = (named_csv.READER, canonical_csv.READER)
+_MAPPABLE: Final = (named_csv.READER, canonical_csv.READER, plain_csv.READER)
 """Formats that a mapping may read otherwise: what the columns mean is taken from their names or their numbers."""
 
 SNIFFED_BYTES: Final = 65536

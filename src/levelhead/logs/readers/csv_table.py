@@ -125,8 +125,8 @@ def find_layout(content: bytes, *, name: str, header: bool = True, delimiter: st
 def guess_layout(content: bytes, *, name: str) -> CsvLayout:
     """Find delimiter, header, line of units and first row of a text that follows no contract.
 
-    The header may be a comment (``#timestamp,...``), rows may end with a delimiter, numbers may have decimal commas where
-    semicolons or tabs separate the columns. The layout has no header where the first row is of numbers.
+    The header may be a comment (``#timestamp,...``), rows may end with a delimiter, numbers may have decimal commas
+    where semicolons or tabs separate the columns. The layout has no header where the first row is of numbers.
 
     Raises
     ------
@@ -142,12 +142,12 @@ def guess_layout(content: bytes, *, name: str) -> CsvLayout:
     if sum(_is_number(cell) for cell in layout.names) > len(layout.names) / 2:
         # The first row is of numbers: a comment above it may name its columns.
         at = head.find(titles)
-        rows = find_layout(content, name=name, header=False, delimiter=delimiter)
+        bare = find_layout(content, name=name, header=False, delimiter=delimiter)
         above = _line_before(head, at).lstrip(b"#% \t") if at > 0 else b""
         cells = tuple(c.strip() for c in _cells(above, delimiter))
         if len(cells) == len(layout.names) and not any(map(_is_number, cells)):
-            rows = replace(rows, names=cells, header=True)
-        return replace(rows, decimal=_decimal(lines, delimiter))
+            bare = replace(bare, names=cells, header=True)
+        return replace(bare, decimal=_decimal(lines, delimiter))
     names = tuple(n.lstrip("#%").strip() for n in layout.names)
     rows = [_cells(line, delimiter) for line in lines]
     if rows and all(len(row) == len(names) + 1 and not row[-1] for row in rows[:-1] or rows):

@@ -85,8 +85,12 @@ _MEANINGS: Final[Mapping[str, tuple[str, int]]] = {
                 **_all(WHEEL_SPEED_COLUMN, "wheelspeed", "vehiclespeed", "odospeed"),
             },
             {
-                **_all(TIME_COLUMN, "elapsedtime", "timeelapsed", "elapsed", "secondselapsed", "relativetime", "timerel"),
-                **_all("height", "heightmsl", "altmsl", "altitudemsl", "hmsl", "mslaltitude", "altitudeabovemeansealevel"),
+                **_all(
+                    TIME_COLUMN, "elapsedtime", "timeelapsed", "elapsed", "secondselapsed", "relativetime", "timerel"
+                ),
+                **_all(
+                    "height", "heightmsl", "altmsl", "altitudemsl", "hmsl", "mslaltitude", "altitudeabovemeansealevel"
+                ),
             },
         )
     )
@@ -244,4 +248,3 @@ def _unit(column: str, text: str) -> str | None:
     plain = plain.replace("sec", "s") if column != TIME_COLUMN else plain
     canonical = _UNITS.get(column)
     return None if canonical is None else _SPELLINGS[canonical].get(re.sub(r"[^a-z0-9]", "", plain))
-

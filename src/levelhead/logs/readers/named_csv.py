@@ -266,9 +266,6 @@ def _complete_velocity(columns: dict[str, FloatArray], events: list[Event]) -> N
         events.append(Event(code="I_VELOCITY_2D", count=int(np.isfinite(speed).sum())))
 
 
-
-
-
 def _without_fix(columns: Mapping[str, FloatArray]) -> BoolArray:
     """Return the rows whose receiver says that it has no fix, or that are at 0 North, 0 East."""
     bad = np.zeros(columns[TIME_COLUMN].size, dtype=np.bool_)
