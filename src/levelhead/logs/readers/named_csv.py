@@ -94,8 +94,8 @@ def read(source: Source) -> Pieces:
     Raises
     ------
     LogError
-        On columns that are missing or ambiguous, on a time unit that cannot be told, and naming file, line and column of
-        what is wrong.
+        On columns that are missing or ambiguous, on a time unit that cannot be told, and naming file, line and column
+        of what is wrong.
     """
     path = source.path
     content = path.read_bytes()
@@ -140,7 +140,8 @@ def read(source: Source) -> Pieces:
 def _is_canonical(layout: CsvLayout, found: NamedColumns) -> bool:
     """Whether the header speaks the words of the canonical CSV, which declare units and axes by contract.
 
-    Most of its IMU columns and most of its GNSS columns must do so: what is wrong then is a mistake in a canonical file.
+    Most of its IMU columns and most of its GNSS columns must do so: what is wrong then is a mistake in a canonical
+    file.
     """
     titles = {split_unit(n)[0] for n in layout.names}
     gnss = (*VELOCITY_COLUMNS, UP_COLUMN, *VELOCITY_XYZ, SPEED, COURSE, *POSITION_COLUMNS)
@@ -228,7 +229,7 @@ def _useful_rows(columns: dict[str, FloatArray], events: list[Event]) -> BoolArr
     _complete_velocity(columns, events)
     gnss = [c for c in (*VELOCITY_COLUMNS, *POSITION_COLUMNS) if c in columns]
     if gnss:
-        there = np.isfinite([columns[c] for c in gnss]).any(axis=0)
+        there = _any_number(columns, gnss)
         none = there & _without_fix(columns)
         stale = there & ~none & _repeated(columns, gnss, there)
         for bad, why in ((none, "GNSS rows without a fix"), (stale, "GNSS values repeated from row to row")):
@@ -237,10 +238,17 @@ def _useful_rows(columns: dict[str, FloatArray], events: list[Event]) -> BoolArr
         for column in gnss:
             columns[column] = np.where(none | stale, np.nan, columns[column])
     used = [c for c in (*IMU_COLUMNS, *gnss) if c in columns]
-    rows: BoolArray = np.isfinite([columns[c] for c in used]).any(axis=0)
+    rows = _any_number(columns, used)
     empty = count - int(rows.sum())
     if IMU_COLUMNS[0] in columns and not gnss and empty:
         events.append(Event(code="W_DROPPED", count=empty, detail=f"{empty} rows without readings."))
+    return rows
+
+
+def _any_number(columns: Mapping[str, FloatArray], names: Sequence[str]) -> BoolArray:
+    rows = np.zeros(columns[TIME_COLUMN].size, dtype=np.bool_)
+    for name in names:
+        rows |= np.isfinite(columns[name])
     return rows
 
 
@@ -289,7 +297,7 @@ def _repeated(columns: Mapping[str, FloatArray], gnss: Sequence[str], there: Boo
 def _with_deviations(gnss: GnssData, columns: Mapping[str, FloatArray]) -> GnssData:
     """Return the epochs with the sigmas that the file has; one that is not positive is not known."""
     used = [c for c in (*VELOCITY_COLUMNS, *POSITION_COLUMNS) if c in columns]
-    rows = np.isfinite([columns[c] for c in used]).any(axis=0)
+    rows = _any_number(columns, used)
     known = {
         c: np.where(columns[c][rows] > 0.0, columns[c][rows], np.nan)
         for c in (SPEED_STD, VELOCITY_STD_COLUMN, POSITION_STD_H, POSITION_STD_V, VERTICAL_STD)

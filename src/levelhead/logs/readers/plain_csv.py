@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from levelhead.conventions import ACCEL_COLUMNS, GYRO_COLUMNS, TIME_COLUMN, UNIT_FACTORS, FloatArray
+from levelhead.conventions import TIME_COLUMN, UNIT_FACTORS, FloatArray
 from levelhead.errors import LogError
 from levelhead.events import Event
 from levelhead.logs.pieces import Fact, Pieces
@@ -76,7 +76,8 @@ def read(source: Source) -> Pieces:
     columns = dict(numbers.columns)
     columns[TIME_COLUMN] = columns[TIME_COLUMN] * UNIT_FACTORS["s"][unit]
     pieces = pieces_from_table(Table(name=path.name, columns=columns, where=numbers.where, left_out=numbers.left_out))
-    assert pieces.imu is not None
+    if pieces.imu is None:
+        raise LogError(f"{path.name} holds no readings; check the recording.")
     undeclared: tuple[Fact, ...] = ("gyro_unit", "accel_unit", "axes")
     tag = path.with_name(path.name + ".tag")
     if not tag.is_file() or are_unix(pieces.imu.time):
@@ -128,10 +129,8 @@ def _find_columns(name: str, columns: Sequence[FloatArray]) -> tuple[int, str, d
             f"acceleration (of the length of gravity) and the three next to them the turn rate; {_MAPPING}."
         )
     accel_at, gyro_at = fitting[0]
-    wanted = {c: accel_at + k for k, c in enumerate(ACCEL_COLUMNS)} | {
-        c: gyro_at + k for k, c in enumerate(GYRO_COLUMNS)
-    }
-    return time, unit, {c: wanted[c] for c in IMU_COLUMNS}
+    places = (*range(gyro_at, gyro_at + 3), *range(accel_at, accel_at + 3))
+    return time, unit, dict(zip(IMU_COLUMNS, places, strict=True))
 
 
 def _time_unit(values: FloatArray) -> str | None:

@@ -1,7 +1,7 @@
 """RTKLIB's time tags: when which byte of a recorded stream arrived, beside the recording as ``NAME.tag``.
 
-A tag file is the text ``TIMETAG RTKLIB`` filled up to 64 bytes, the instant of the beginning in GPST (whole seconds since
-1970 as uint32, the rest as float64), and then pairs of uint32: milliseconds since the beginning, bytes received by then.
+A tag file is the text ``TIMETAG RTKLIB`` filled up to 64 bytes, the instant of the beginning in GPST (whole seconds
+since 1970 as uint32, the rest as float64), and then pairs of uint32: milliseconds since the beginning, bytes received.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _MAGIC: Final = b"TIMETAG RTKLIB"
 _START: Final = struct.Struct("<Id")
 _START_AT: Final = 64
 _MAX_SCATTER_S: Final = 0.05
-"""Lines whose arrivals scatter by more (median) about a host's clock were not stamped by it, or are not of this file."""
+"""Lines whose arrivals scatter by more (median) about a host's clock were not stamped by it."""
 _MIN_COVERED: Final = 0.5
 """Share of the lines that must lie within the bytes that the tags count."""
 

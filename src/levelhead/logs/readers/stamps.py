@@ -44,8 +44,8 @@ def unit_of_stamps(where: str, stamps: FloatArray, intervals: tuple[float, float
     fitting = [_fitting(interval, intervals) for interval in (median, mean)]
     if fitting[0] is None or fitting[0] != fitting[1]:
         raise LogError(
-            f"{where}: the stamps advance by {median:g} (median) or {mean:g} (mean) from row to row, which tells no unit "
-            f"at a plausible rate; {advance}."
+            f"{where}: the stamps advance by {median:g} (median) or {mean:g} (mean) from row to row, which tells no "
+            f"unit at a plausible rate; {advance}."
         )
     return fitting[0]
 
