@@ -14,7 +14,18 @@ from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
-from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, named_csv, plain_csv, rtklib_pos
+from levelhead.logs.readers import (
+    canonical_csv,
+    canonical_parquet,
+    mapped_csv,
+    named_csv,
+    plain_csv,
+    rtklib_pos,
+    sbg,
+    sensor_logger,
+    vectornav,
+    vectornav_ascii,
+)
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
@@ -24,6 +35,10 @@ PathLike = str | os.PathLike[str]
 READERS: Final[dict[str, Reader]] = {
     reader.name: reader
     for reader in (
+        sensor_logger.READER,
+        sbg.READER,
+        vectornav.READER,
+        vectornav_ascii.READER,
         named_csv.READER,
         canonical_csv.READER,
         canonical_parquet.READER,

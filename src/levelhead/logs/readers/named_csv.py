@@ -27,7 +27,13 @@ from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, declared
 from levelhead.logs.mapping import UP_COLUMN
 from levelhead.logs.pieces import Fact, GnssData, Pieces
 from levelhead.logs.readers.base import Reader, Source, Table
-from levelhead.logs.readers.columns import IMU_COLUMNS, MAX_NAMES_SHOWN, pieces_from_table, split_unit
+from levelhead.logs.readers.columns import (
+    IMU_COLUMNS,
+    MAX_NAMES_SHOWN,
+    pieces_from_table,
+    split_unit,
+    unmeasured_vertical_std,
+)
 from levelhead.logs.readers.csv_table import CsvLayout, guess_layout, is_text, read_numbers
 from levelhead.logs.readers.foreign_names import (
     COURSE,
@@ -63,10 +69,8 @@ _WEIGHTLESS: Final = 0.5
 """Median length of the acceleration below which gravity cannot be in it, whether it is in g or in m/s^2."""
 _FEW_IMU_COLUMNS: Final = 3
 """IMU columns from which on a header is one of an IMU, though something is missing."""
-VERTICAL_STD: Final = "vertical_std"
+_VERTICAL_STD: Final = "vertical_std"
 """A column that the reader makes: the sigma of a vertical velocity that was not measured, m/s."""
-_VERTICAL_STD: Final = (0.5, 0.05)
-"""Sigma of a vertical velocity that was not measured: at least this many m/s, and this share of the speed."""
 
 
 def sniff(_path: Path, head: bytes) -> bool:
@@ -270,7 +274,7 @@ def _complete_velocity(columns: dict[str, FloatArray], events: list[Event]) -> N
         north, east = (columns[c] for c in _NORTH_EAST)
         speed = np.hypot(north, east)
         columns[VELOCITY_COLUMNS[2]] = np.where(np.isfinite(speed), 0.0, np.nan)
-        columns[VERTICAL_STD] = np.maximum(_VERTICAL_STD[0], _VERTICAL_STD[1] * speed)
+        columns[_VERTICAL_STD] = unmeasured_vertical_std(speed)
         events.append(Event(code="I_VELOCITY_2D", count=int(np.isfinite(speed).sum())))
 
 
@@ -300,15 +304,15 @@ def _with_deviations(gnss: GnssData, columns: Mapping[str, FloatArray]) -> GnssD
     rows = _any_number(columns, used)
     known = {
         c: np.where(columns[c][rows] > 0.0, columns[c][rows], np.nan)
-        for c in (SPEED_STD, VELOCITY_STD_COLUMN, POSITION_STD_H, POSITION_STD_V, VERTICAL_STD)
+        for c in (SPEED_STD, VELOCITY_STD_COLUMN, POSITION_STD_H, POSITION_STD_V, _VERTICAL_STD)
         if c in columns
     }
     horizontal = known.get(VELOCITY_STD_COLUMN, known.get(SPEED_STD))
     blank = np.full(gnss.time.size, np.nan)
     velocity: FloatArray | None = horizontal
-    if VERTICAL_STD in known:
+    if _VERTICAL_STD in known:
         flat = blank if horizontal is None else horizontal
-        velocity = np.column_stack((flat, flat, known[VERTICAL_STD]))
+        velocity = np.column_stack((flat, flat, known[_VERTICAL_STD]))
     position = known.get(POSITION_STD_H)
     if position is not None:
         position = np.column_stack((position, position, known.get(POSITION_STD_V, blank)))
