@@ -27,6 +27,8 @@ _PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*")
 DELIMITERS: Final = (",", ";", "\t")
 LAYOUT_LINES: Final = 5
 """Lines whose columns are counted where no header names them."""
+ENDS_COMPARED: Final = 50
+"""Lines whose last cells are compared with that of the last line."""
 MAX_LAYOUT_BYTES: Final = 65536
 MAX_TEXT_SHOWN: Final = 40
 """Characters of a bad cell that an error shows at most."""
@@ -190,7 +192,13 @@ def _decimal(lines: Sequence[bytes], delimiter: str) -> str:
 
 
 def read_numbers(
-    path: Path, content: bytes, layout: CsvLayout, wanted: Mapping[str, int], *, time_column: str
+    path: Path,
+    content: bytes,
+    layout: CsvLayout,
+    wanted: Mapping[str, int],
+    *,
+    time_column: str,
+    doubt_end: bool = False,
 ) -> CsvNumbers:
     """Read columns of a CSV text as float64; an empty cell is NaN.
 
@@ -206,6 +214,9 @@ def read_numbers(
         Name in the result to index of the column, from 0.
     time_column : str
         The key of `wanted` whose numbers advance: it shows a last line that was cut within its time stamp.
+    doubt_end : bool
+        Leave out a last line without line end unless its last number is written like those above it: a program that
+        ends its lines was stopped there.
 
     Raises
     ------
@@ -229,7 +240,9 @@ def read_numbers(
         cut = body.find(b"\n") + 1
         start, body, first_line, left_out = start + cut, body[cut:] if cut else b"", first_line + 1, left_out + 1
     ends_early = not ended and (
-        last.endswith(layout.delimiter.encode()) or _steps_back(body, layout, wanted[time_column])
+        last.endswith(layout.delimiter.encode())
+        or _steps_back(body, layout, wanted[time_column])
+        or (doubt_end and not _ends_like_others(body, layout.delimiter))
     )
     if body and (ends_early or _is_cut(last, layout, wanted)):
         body = body[: body.rfind(b"\n") + 1]
@@ -304,6 +317,14 @@ def _steps_back(body: bytes, layout: CsvLayout, index: int) -> bool:
     if any(len(cells) != len(layout.names) or _NUMBER.fullmatch(cells[index]) is None for cells in texts):
         return False
     return float(texts[1][index]) <= float(texts[0][index])
+
+
+def _ends_like_others(body: bytes, delimiter: str) -> bool:
+    """Return whether the last number of the last lines always has as many decimals, or digits where it has none."""
+    cells = [line.strip(_LINE_END).rpartition(delimiter.encode())[2] for line in body[-MAX_LAYOUT_BYTES:].split(b"\n")]
+    written = [(len(c.rpartition(b".")[2]), True) if b"." in c else (len(c), False) for c in cells if c]
+    # The first of these lines may be a piece.
+    return len(set(written[1:][-ENDS_COMPARED:])) <= 1
 
 
 def _line(body: bytes, *, first: bool) -> bytes:

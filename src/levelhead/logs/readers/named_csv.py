@@ -34,7 +34,7 @@ from levelhead.logs.readers.columns import (
     split_unit,
     unmeasured_vertical_std,
 )
-from levelhead.logs.readers.csv_table import CsvLayout, guess_layout, is_text, read_numbers
+from levelhead.logs.readers.csv_table import CsvLayout, find_layout, guess_layout, is_text, read_numbers
 from levelhead.logs.readers.foreign_names import (
     COURSE,
     FIX,
@@ -84,7 +84,7 @@ def sniff(_path: Path, head: bytes) -> bool:
         found = understand("", layout.names, layout.units)
     except LogError:
         return False
-    if _is_canonical(layout, found):
+    if _is_canonical(layout, found) and find_layout(head, name="").names == layout.names:
         return False
     if found.has((TIME_COLUMN, *IMU_COLUMNS)) or _has_gnss(found):
         return True
@@ -107,7 +107,7 @@ def read(source: Source) -> Pieces:
     found = understand(path.name, layout.names, layout.units)
     wanted = _wanted(path.name, layout, found, source)
     indices = {c: found.chosen[c].index for c in wanted}
-    numbers = read_numbers(path, content, layout, indices, time_column=TIME_COLUMN)
+    numbers = read_numbers(path, content, layout, indices, time_column=TIME_COLUMN, doubt_end=True)
     columns = {c: values * factor_of(found.chosen[c]) for c, values in numbers.columns.items()}
     if numbers.columns[TIME_COLUMN].size == 0:
         raise LogError(f"{path.name}: the file has a header but no rows; record data or check the export.")
@@ -218,7 +218,8 @@ def _refuse_weightless(name: str, columns: Mapping[str, FloatArray]) -> None:
     """Refuse accelerations that had gravity taken off: nothing can be levelled with them."""
     if ACCEL_COLUMNS[0] not in columns:
         return
-    length = np.linalg.norm([columns[c] for c in ACCEL_COLUMNS], axis=0)
+    with np.errstate(over="ignore"):  # a damaged file may have numbers such as 1e300
+        length = np.linalg.norm([columns[c] for c in ACCEL_COLUMNS], axis=0)
     length = length[np.isfinite(length)]
     if length.size and np.median(length) < _WEIGHTLESS:
         raise LogError(
@@ -267,12 +268,15 @@ def _complete_velocity(columns: dict[str, FloatArray], events: list[Event]) -> N
         speed, course = columns.pop(SPEED), np.radians(columns.pop(COURSE))
         # At rest receivers leave the course empty.
         course = np.where(np.isnan(course) & (speed == 0.0), 0.0, course)
-        known = speed >= 0.0
+        # A negative speed is that of a receiver that does not know it.
+        known = (speed >= 0.0) & np.isfinite(course)
+        course = np.where(known, course, 0.0)
         columns[_NORTH_EAST[0]] = np.where(known, speed * np.cos(course), np.nan)
         columns[_NORTH_EAST[1]] = np.where(known, speed * np.sin(course), np.nan)
     if _NORTH_EAST[0] in columns and VELOCITY_COLUMNS[2] not in columns:
         north, east = (columns[c] for c in _NORTH_EAST)
-        speed = np.hypot(north, east)
+        with np.errstate(over="ignore"):
+            speed = np.hypot(north, east)
         columns[VELOCITY_COLUMNS[2]] = np.where(np.isfinite(speed), 0.0, np.nan)
         columns[_VERTICAL_STD] = unmeasured_vertical_std(speed)
         events.append(Event(code="I_VELOCITY_2D", count=int(np.isfinite(speed).sum())))

@@ -72,7 +72,9 @@ def read(source: Source) -> Pieces:
     everything = {name: index for index, name in enumerate(layout.names)}
     numbers = read_numbers(path, whole, layout, everything, time_column="1")
     time, unit, wanted = _find_columns(path.name, [numbers.columns[n] for n in layout.names])
-    numbers = read_numbers(path, content, layout, {TIME_COLUMN: time, **wanted}, time_column=TIME_COLUMN)
+    numbers = read_numbers(
+        path, content, layout, {TIME_COLUMN: time, **wanted}, time_column=TIME_COLUMN, doubt_end=True
+    )
     columns = dict(numbers.columns)
     columns[TIME_COLUMN] = columns[TIME_COLUMN] * UNIT_FACTORS["s"][unit]
     pieces = pieces_from_table(Table(name=path.name, columns=columns, where=numbers.where, left_out=numbers.left_out))
@@ -150,7 +152,8 @@ def _counts(values: FloatArray) -> bool:
 
 
 def _length(triple: FloatArray) -> FloatArray:
-    length: FloatArray = np.linalg.norm(triple, axis=0)
+    with np.errstate(over="ignore"):  # a damaged file may have numbers such as 1e300
+        length: FloatArray = np.linalg.norm(triple, axis=0)
     return length[np.isfinite(length)]
 
 

@@ -160,7 +160,7 @@ def _read(path: Path, wanted: tuple[str, ...], content: bytes | None = None) -> 
                 f"{path.name}: {name} is in {layout.units[index]!r} where sbgBasicLogger writes {_UNITS[name]!r}; "
                 "describe the file in a mapping (mapping=)."
             )
-    numbers = read_numbers(path, content, layout, indices, time_column="timestamp")
+    numbers = read_numbers(path, content, layout, indices, time_column="timestamp", doubt_end=True)
     stamps = numbers.columns["timestamp"]
     wraps = np.cumsum(np.diff(stamps, prepend=stamps[:1]) < -_WRAP / 2.0)
     time = (stamps + wraps * _WRAP) * UNIT_FACTORS["s"]["us"]

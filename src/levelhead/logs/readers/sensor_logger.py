@@ -247,7 +247,8 @@ def _acceleration(name: str, members: _Members) -> tuple[_Samples, float]:
 
 
 def _length(samples: _Samples) -> float:
-    length = np.linalg.norm(samples.values, axis=1)
+    with np.errstate(over="ignore"):  # a damaged file may have numbers such as 1e300
+        length = np.linalg.norm(samples.values, axis=1)
     length = length[np.isfinite(length)]
     return float(np.median(length)) if length.size else 0.0
 
@@ -293,7 +294,7 @@ def _location(members: _Members) -> tuple[GnssData | None, tuple[Event, ...], in
     events = (
         [Event(code="W_DROPPED", count=lost, detail=f"{lost} rows of {_LOCATION} without a place.")] if lost else []
     )
-    columns = {n: v[known] for n, v in columns.items()}
+    columns = {n: np.where(np.isfinite(v[known]), v[known], np.nan) for n, v in columns.items()}
     if not known.any():
         return None, tuple(events), left_out
     speed, bearing = columns["speed"], columns["bearing"]

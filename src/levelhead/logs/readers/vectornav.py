@@ -101,7 +101,7 @@ def read(source: Source) -> Pieces:
             "columns; export them too."
         )
     wanted = _used(keys, imu_names, receivers)
-    numbers = read_numbers(path, content, layout, {k: keys.index(k) for k in wanted}, time_column=clock)
+    numbers = read_numbers(path, content, layout, {k: keys.index(k) for k in wanted}, time_column=clock, doubt_end=True)
     table, events = _stamped(path.name, numbers.columns)
     imu = None
     if imu_names is not None:

@@ -67,7 +67,8 @@ def read(source: Source) -> Pieces:
     path = source.path
     content = path.read_bytes()
     kinds, bad = _collect(content)
-    cut = int(not content.endswith(b"\n") and bad > 0 and _LINE.search(content[content.rfind(b"\n") + 1 :]) is None)
+    last = content[content.rfind(b"\n") + 1 :]
+    cut = int(bool(last) and _LINE.search(last) is None)
     imu_kind = next((k for k in _READINGS if k in kinds), None) if source.role == "imu" else None
     fix_kind = next((k for k in _FIXES if k in kinds), None)
     if imu_kind is None and fix_kind is None:
@@ -90,7 +91,7 @@ def read(source: Source) -> Pieces:
         accel, gyro = found.fields[:, first : first + 3], found.fields[:, first + 3 : first + 6]
         imu = ImuData(time=found.stamps * factor, gyro=gyro, accel=accel)
     gnss, events = (None, ()) if fix_kind is None else _fixes(kinds[fix_kind], factor)
-    damaged = bad - cut
+    damaged = bad - (cut and last.count(b"$VN"))
     return Pieces(
         imu=imu,
         gnss=gnss,
@@ -151,7 +152,7 @@ def _floats(payloads: Sequence[bytes], width: int) -> tuple[FloatArray, NDArray[
             except ValueError:
                 rows.append([np.nan] * width)
         fields = np.array(rows)
-    good: NDArray[np.bool_] = np.isfinite(fields).all(axis=1)
+    good = np.asarray(np.isfinite(fields).all(axis=1), dtype=np.bool_)
     return fields, good
 
 
