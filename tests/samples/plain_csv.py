@@ -20,6 +20,7 @@ def write(folder: Path) -> Path:
 def write_gnss(folder: Path) -> Path:
     """Write the fixes with a header, on the same clock."""
     log = sample_drive()
+    assert log.velocity_ned is not None
     rows = np.column_stack((log.gnss_time + 5.0, log.velocity_ned))
     path = folder / "fixes.csv"
     np.savetxt(path, rows, fmt="%.6f", delimiter=",", header="time,vel_n,vel_e,vel_d", comments="")

@@ -38,7 +38,8 @@ def members(platform: str = "android", *, standard: bool | None = None) -> dict[
     north, east, _ = log.velocity_ned.T
     bearing = np.degrees(np.arctan2(east, north)) % 360.0
     places = [
-        f"{stamp},{t:.3f},2.0,0.1,1.5,3.0,{np.hypot(n, e):.9f},{course:.9f},{h:.6f},{np.degrees(lon):.11f},{np.degrees(lat):.11f}"
+        f"{stamp},{t:.3f},2.0,0.1,1.5,3.0,{np.hypot(n, e):.9f},{course:.9f},"
+        f"{h:.6f},{np.degrees(lon):.11f},{np.degrees(lat):.11f}"
         for stamp, t, n, e, course, (lat, lon, h) in zip(
             _stamps(log.gnss_time), log.gnss_time, north, east, bearing, log.position_llh, strict=True
         )

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import mangled_text, named_csv
-from samples.drive import EPOCH_UTC_S, sample_drive
 
 from levelhead.errors import LogError
 from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.readers.base import Source
 from levelhead.logs.readers.named_csv import READER
+from samples import mangled_text, named_csv
+from samples.drive import EPOCH_UTC_S, sample_drive
 
 Writer = Callable[[str, str], Path]
 
@@ -175,7 +175,7 @@ def test_what_cannot_be_told_is_refused(put: Writer, header: str, sentence: str)
 
 def test_accelerations_without_gravity_are_refused(put: Writer) -> None:
     text = HEADER + rows([k / 100.0 for k in range(50)], "{t},0,0,0,0.1,0,0.1,{n},2,3\n")
-    with pytest.raises(LogError, match="median length of 0.14, so gravity was taken off it"):
+    with pytest.raises(LogError, match=r"median length of 0\.14, so gravity was taken off it"):
         read(put("a.csv", text))
 
 

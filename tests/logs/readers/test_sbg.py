@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import mangled_text, sbg
-from samples.drive import sample_drive
 
 from levelhead.errors import LogError
 from levelhead.logs.log import Log
 from levelhead.logs.readers import read
+from samples import mangled_text, sbg
+from samples.drive import sample_drive
 
 
 @pytest.mark.parametrize("as_folder", [False, True])

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import mangled_text, sensor_logger
-from samples.drive import EPOCH_UTC_S, sample_drive
-from samples.sensor_logger import FRD_TO_PHONE, members, pack
 
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
-from levelhead.logs.readers import read, sensor_logger as reader
+from levelhead.logs.readers import read
+from levelhead.logs.readers import sensor_logger as reader
+from samples import mangled_text, sensor_logger
+from samples.drive import EPOCH_UTC_S, sample_drive
+from samples.sensor_logger import FRD_TO_PHONE, members, pack
 
 
 def check(log: Log) -> None:

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import mangled_text, vectornav_ascii
-from samples.drive import EPOCH_UTC_S, sample_drive
 
 from levelhead.errors import LogError
 from levelhead.logs.log import Log
 from levelhead.logs.readers import read
+from samples import mangled_text, vectornav_ascii
+from samples.drive import EPOCH_UTC_S, sample_drive
 
 
 def test_the_drive_comes_back(tmp_path: Path) -> None:
