@@ -194,3 +194,20 @@ def test_of_mangled_copies_none_is_taken_for_whole(tmp_path: Path) -> None:
         return read(path)
 
     mangled_text.survives(path, again)
+
+
+def test_stamps_may_be_in_two_columns(put: Writer) -> None:
+    header = "header.stamp.sec,header.stamp.nanosec,wx,wy,wz,ax,ay,az,vn,ve,vd\n"
+    lines = [f"{1751003243 + k // 100},{k % 100 * 10**7},0,0,0,0,0,9.8,{k},2,3\n" for k in range(150)]
+    log = read(put("a.csv", header + "".join(lines)))
+    np.testing.assert_allclose(log.time, np.arange(150) / 100.0, atol=1e-6)  # steps of 0.24 us near 1.75e9 s
+    both = header.replace("header.stamp.sec,header.stamp.nanosec", "stamp_s,stamp_ns")
+    with pytest.raises(LogError, match=r"'stamp_s' and 'stamp_ns' are no whole seconds and nanoseconds"):
+        read(put("b.csv", both + "".join(lines[:9]) + "2,2000000000,0,0,0,0,0,9.8,9,2,3\n"))
+
+
+def test_rows_of_other_sensors_are_left_out_and_counted(put: Writer) -> None:
+    text = HEADER + hundredths(1.0) + "".join(f"{k / 100.0 + 0.005},,,,,,,,,\n" for k in range(20))
+    log = read(put("a.csv", text))
+    assert log.time.size == 50
+    assert [(e.code, e.count) for e in log.events] == [("W_DROPPED", 20)]

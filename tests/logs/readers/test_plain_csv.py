@@ -113,3 +113,20 @@ def test_of_mangled_copies_none_is_taken_for_whole(tmp_path: Path) -> None:
         return read(path, gnss=gnss)
 
     mangled_text.survives(path, again)
+
+
+@pytest.mark.parametrize(
+    ("order", "lost"), [(lambda t: t, 2), (lambda t: t, 3), (lambda t: np.column_stack((t[:, 6] + 2e6, t[:, :6])), 1)]
+)
+def test_a_first_number_that_lost_its_beginning_is_left_out(tmp_path: Path, order: Change, lost: int) -> None:
+    path = plain_csv.write(tmp_path)
+    table = np.loadtxt(path, delimiter=",")
+    table[0, 0] = table[1:, 0].max()
+    np.savetxt(path, order(table), delimiter=",", fmt="%.6f")
+    gnss = tmp_path / "fixes.csv"
+    gnss.write_text(f"time,vel_n,vel_e,vel_d\n{order(table)[50, 0 if lost == 1 else 6] / 1e3},1,2,3\n")
+    assert read(path, gnss=gnss).meta["completeness"] == "complete"
+    path.write_bytes(path.read_bytes()[lost:])
+    log = read(path, gnss=gnss)
+    assert log.meta["completeness"] == "truncated"
+    np.testing.assert_array_equal(log.accel[0], table[1, :3])

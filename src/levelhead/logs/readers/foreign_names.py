@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from levelhead.conventions import (
@@ -27,6 +27,8 @@ VELOCITY_XYZ: Final = ("velocity_x", "velocity_y", "velocity_z")
 """A velocity whose axes the header does not name by directions."""
 SPEED, COURSE, SPEED_STD = "speed", "course", "speed_std"
 POSITION_STD_H, POSITION_STD_V = "position_std_h", "position_std_v"
+NANOSECONDS: Final = "nanoseconds"
+"""The part of a stamp below the second, where a header has one column for whole seconds and one for this."""
 FIX, FIX_TYPE, NAVSAT_STATUS = "fix", "fix_type", "navsat_status"
 
 _UNITS: Final[Mapping[str, str]] = {
@@ -193,7 +195,9 @@ def understand(name: str, headers: Sequence[str], units: Sequence[str] = ()) -> 
         best = min(c.rank for c in candidates)
         same = [c for c in candidates if c.rank == best]
         chosen[column] = same[0]
-        if len(same) > 1:
+        if column == TIME_COLUMN and [c.unit for c in same] == ["s", "ns"]:
+            chosen[NANOSECONDS] = replace(same[1], column=NANOSECONDS)
+        elif len(same) > 1:
             rivals[column] = tuple(headers[c.index] for c in same)
     return NamedColumns(chosen=chosen, rivals=rivals)
 

@@ -39,6 +39,7 @@ from levelhead.logs.readers.foreign_names import (
     COURSE,
     FIX,
     FIX_TYPE,
+    NANOSECONDS,
     NAVSAT_STATUS,
     POSITION_STD_H,
     POSITION_STD_V,
@@ -67,6 +68,8 @@ _LOWEST_FIX: Final = {FIX: 1.0, FIX_TYPE: 2.0, NAVSAT_STATUS: 0.0}
 """Columns that tell a fix from none, and the lowest value of a fix: GGA's quality, u-blox's type, ROS's status."""
 _WEIGHTLESS: Final = 0.5
 """Median length of the acceleration below which gravity cannot be in it, whether it is in g or in m/s^2."""
+_SECOND_NS: Final = 1e9
+_BY_MAPPING: Final = "say what the columns mean in a mapping file (mapping=)"
 _FEW_IMU_COLUMNS: Final = 3
 """IMU columns from which on a header is one of an IMU, though something is missing."""
 _VERTICAL_STD: Final = "vertical_std"
@@ -108,7 +111,7 @@ def read(source: Source) -> Pieces:
     wanted = _wanted(path.name, layout, found, source)
     indices = {c: found.chosen[c].index for c in wanted}
     numbers = read_numbers(path, content, layout, indices, time_column=TIME_COLUMN, doubt_end=True)
-    columns = {c: values * factor_of(found.chosen[c]) for c, values in numbers.columns.items()}
+    columns = {c: values * _factor(found, c) for c, values in numbers.columns.items()}
     if numbers.columns[TIME_COLUMN].size == 0:
         raise LogError(f"{path.name}: the file has a header but no rows; record data or check the export.")
     columns[TIME_COLUMN] = _seconds(path.name, layout, found, columns)
@@ -172,13 +175,12 @@ def _wanted(name: str, layout: CsvLayout, found: NamedColumns, source: Source) -
         needed = (TIME_COLUMN, *IMU_COLUMNS) if source.role == "imu" else (TIME_COLUMN, *VELOCITY_COLUMNS)
         missing = [c for c in needed if c not in found.chosen]
         shown = ", ".join(layout.names[:MAX_NAMES_SHOWN]) + (", ..." if len(layout.names) > MAX_NAMES_SHOWN else "")
-        raise LogError(
-            f"{name}: no column is understood as {', '.join(missing)} (found: {shown}). Say what the columns mean in a "
-            "mapping file (mapping=)."
-        )
+        raise LogError(f"{name}: no column is understood as {', '.join(missing)} (found: {shown}); {_BY_MAPPING}.")
     aside: tuple[str, ...] = (WHEEL_SPEED_COLUMN,) if imu else ()
     if gnss:
         aside = (*aside, VELOCITY_STD_COLUMN, SPEED_STD, POSITION_STD_H, POSITION_STD_V, *_LOWEST_FIX)
+    if NANOSECONDS in found.chosen:
+        aside = (*aside, NANOSECONDS)
     wanted = (TIME_COLUMN, *imu, *gnss, *(c for c in aside if c in found.chosen and c not in found.rivals))
     for column in wanted:
         if column in found.rivals:
@@ -192,6 +194,12 @@ def _wanted(name: str, layout: CsvLayout, found: NamedColumns, source: Source) -
 def _seconds(name: str, layout: CsvLayout, found: NamedColumns, columns: Mapping[str, FloatArray]) -> FloatArray:
     """Return the stamps in seconds, by the unit that the header declares or the one that the rows tell."""
     named, stamps = found.chosen[TIME_COLUMN], columns[TIME_COLUMN]
+    if NANOSECONDS in columns:
+        part = columns[NANOSECONDS]
+        if not (np.isnan(part) | ((part >= 0.0) & (part < _SECOND_NS))).all() or (stamps != np.floor(stamps)).any():
+            titles = " and ".join(repr(layout.names[found.chosen[c].index]) for c in (TIME_COLUMN, NANOSECONDS))
+            raise LogError(f"{name}: {titles} are no whole seconds and nanoseconds; {_BY_MAPPING}.")
+        return stamps + part / _SECOND_NS
     if named.unit is not None:
         return stamps
     is_imu = IMU_COLUMNS[0] in columns
@@ -199,6 +207,10 @@ def _seconds(name: str, layout: CsvLayout, found: NamedColumns, columns: Mapping
     where = f"{name}, column {layout.names[named.index]}"
     unit = unit_of_stamps(where, stamps[rows], IMU_INTERVALS_S if is_imu else GNSS_INTERVALS_S)
     return stamps * factor_of(replace(named, unit=unit))
+
+
+def _factor(found: NamedColumns, column: str) -> float:
+    return 1.0 if column == NANOSECONDS else factor_of(found.chosen[column])
 
 
 def _undeclared(found: NamedColumns, columns: Mapping[str, FloatArray]) -> tuple[Fact, ...]:
@@ -230,7 +242,7 @@ def _refuse_weightless(name: str, columns: Mapping[str, FloatArray]) -> None:
 
 def _useful_rows(columns: dict[str, FloatArray], events: list[Event]) -> BoolArray:
     """Complete the velocity, blank what is no fix, and return the rows that hold anything; count what goes."""
-    count = columns[TIME_COLUMN].size
+    dropped = np.zeros(columns[TIME_COLUMN].size, dtype=np.bool_)
     _complete_velocity(columns, events)
     gnss = [c for c in (*VELOCITY_COLUMNS, *POSITION_COLUMNS) if c in columns]
     if gnss:
@@ -240,13 +252,14 @@ def _useful_rows(columns: dict[str, FloatArray], events: list[Event]) -> BoolArr
         for bad, why in ((none, "GNSS rows without a fix"), (stale, "GNSS values repeated from row to row")):
             if bad.any():
                 events.append(Event(code="W_DROPPED", count=int(bad.sum()), detail=f"{int(bad.sum())} {why}."))
+        dropped = none | stale
         for column in gnss:
-            columns[column] = np.where(none | stale, np.nan, columns[column])
+            columns[column] = np.where(dropped, np.nan, columns[column])
     used = [c for c in (*IMU_COLUMNS, *gnss) if c in columns]
     rows = _any_number(columns, used)
-    empty = count - int(rows.sum())
-    if IMU_COLUMNS[0] in columns and not gnss and empty:
-        events.append(Event(code="W_DROPPED", count=empty, detail=f"{empty} rows without readings."))
+    empty = int((~rows & ~dropped).sum())
+    if IMU_COLUMNS[0] in columns and empty:
+        events.append(Event(code="W_DROPPED", count=empty, detail=f"{empty} rows without any of the columns."))
     return rows
 
 

@@ -34,6 +34,9 @@ _LIVELY: Final = 5.0
 On recorded drives it is 20 to 60 times; of a magnetometer in a car 2.8 times, of an acceleration 1.1 times."""
 _IN_ORDER: Final = 0.99
 """Share of rows on which a time does not step back."""
+_FEWEST_COMPARED: Final = 100
+_LEAP: Final = 100.0
+"""Intervals that a first stamp is away from the second where its first digits are lost."""
 _MAPPING: Final = "say what the columns are in a mapping file (mapping=) with header = false"
 
 
@@ -77,7 +80,17 @@ def read(source: Source) -> Pieces:
     )
     columns = dict(numbers.columns)
     columns[TIME_COLUMN] = columns[TIME_COLUMN] * UNIT_FACTORS["s"][unit]
-    pieces = pieces_from_table(Table(name=path.name, columns=columns, where=numbers.where, left_out=numbers.left_out))
+    first = next((c for c, index in {TIME_COLUMN: time, **wanted}.items() if index == 0), None)
+    cut = first is not None and _first_stands_out(columns[first], is_time=first == TIME_COLUMN)
+    if cut:
+        columns = {c: values[1:] for c, values in columns.items()}
+    table = Table(
+        name=path.name,
+        columns=columns,
+        where=lambda row: numbers.where(row + cut),
+        left_out=numbers.left_out + cut,
+    )
+    pieces = pieces_from_table(table)
     if pieces.imu is None:
         raise LogError(f"{path.name} holds no readings; check the recording.")
     undeclared: tuple[Fact, ...] = ("gyro_unit", "accel_unit", "axes")
@@ -85,7 +98,7 @@ def read(source: Source) -> Pieces:
     if not tag.is_file() or are_unix(pieces.imu.time):
         return replace(pieces, undeclared=(*undeclared, "clock"))
     ends, lines = _lines(content, numbers)
-    zero = zero_of_clock(tag, ends, lines, columns[TIME_COLUMN])
+    zero = zero_of_clock(tag, ends, lines[int(cut) :], columns[TIME_COLUMN])
     if zero is None:
         detail = f"The time tags of {tag.name}, which do not go with the file."
         return replace(
@@ -95,6 +108,17 @@ def read(source: Source) -> Pieces:
         )
     imu = replace(pieces.imu, time=pieces.imu.time + zero, time_scale=GPST)
     return replace(pieces, imu=imu, undeclared=undeclared)
+
+
+def _first_stands_out(values: FloatArray, *, is_time: bool) -> bool:
+    """Whether the first number of the file lost its beginning, as a line that was cut has: it is like no other."""
+    if values.size < _FEWEST_COMPARED:
+        return False
+    if is_time:
+        steps = np.diff(values)
+        return bool(abs(steps[0]) > _LEAP * np.median(np.abs(steps)))
+    others = values[1:]
+    return not float(np.nanmin(others)) <= float(values[0]) <= float(np.nanmax(others))
 
 
 def _numbers_in(row: bytes, delimiter: str, decimal: str) -> int:
@@ -137,6 +161,8 @@ def _find_columns(name: str, columns: Sequence[FloatArray]) -> tuple[int, str, d
 
 def _time_unit(values: FloatArray) -> str | None:
     """Return the unit that numbers have if they are a time that advances evenly, else None."""
+    if values.size >= _FEWEST_COMPARED:
+        values = values[1:]  # the first may have lost its beginning
     steps = np.diff(values)
     if not np.isfinite(values).all() or steps.size < 2 or (steps >= 0.0).mean() < _IN_ORDER:
         return None

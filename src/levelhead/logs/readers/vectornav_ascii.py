@@ -28,7 +28,7 @@ from levelhead.logs.readers.vectornav import COMPENSATED
 _LINE: Final = re.compile(
     rb"^([^$\r\n]*)\$VN([A-Z0-9]{3}),([^*$\r\n]*)\*([0-9A-F]{2}(?:[0-9A-F]{2})?|XX)\s*$", re.MULTILINE
 )
-_STAMP: Final = re.compile(rb"[\s\[(]*(\d+(?:\.\d+)?)[\s,;:\])]*")
+_AROUND_STAMP: Final = b" \t,;:[]()"
 _SNIFFED: Final = re.compile(rb"^[^$\r\n]*\$VN(?:IMU|MAR|YMR|QMR|GPS|G2S|INS|YPR|RRG),", re.MULTILINE)
 
 _ADDED: Final = re.compile(rb"(?:,[A-Z][0-9A-F]+)+$")
@@ -106,54 +106,69 @@ def read(source: Source) -> Pieces:
 
 def _collect(content: bytes) -> tuple[dict[str, _Messages], int]:
     """Return the whole messages by kind, and how many begun ones are not whole."""
-    running = np.bitwise_xor.accumulate(np.frombuffer(content, dtype=np.uint8))
-    texts: dict[str, list[bytes]] = {}
-    stamps: dict[str, list[float]] = {}
-    whole = 0
-    for match in _LINE.finditer(content):
-        kind, payload, check = match.group(2).decode(), match.group(3), match.group(4)
-        if len(check) == 2 and check != b"XX":
-            # The exclusive or of all bytes between $ and *.
-            start, end = match.start(2) - 2, match.end(3)
-            if int(running[end - 1] ^ running[start - 1]) != int(check, 16):
-                continue
-        whole += 1
+    found = list(_LINE.finditer(content))
+    whole = _checked(content, found)
+    payloads: dict[str, list[bytes]] = {}
+    stamps: dict[str, list[bytes]] = {}
+    bad = content.count(b"$VN") - int(whole.sum())
+    for match, good in zip(found, whole.tolist(), strict=True):
+        before, name, payload, _ = match.groups()
+        if not good:
+            continue
+        kind = name.decode()
         if kind == "RRG":
             register, _, payload = payload.partition(b",")
-            kind = _MESSAGES.get(register.strip().lstrip(b"0").decode(), "")
+            kind = _MESSAGES.get(register.strip().lstrip(b"0").decode(errors="replace"), "")
         if kind not in _FIELDS:
             continue
-        # The sensor can be told to add counters or the time since an event, marked by a letter.
-        payload = _ADDED.sub(b"", payload)
         if payload.count(b",") + 1 != _FIELDS[kind]:
-            whole -= bool(payload)
-            continue
-        before = _STAMP.fullmatch(match.group(1))
-        texts.setdefault(kind, []).append(payload)
-        stamps.setdefault(kind, []).append(float(before.group(1)) if before else np.nan)
+            # The sensor can be told to add counters or the time since an event, marked by a letter.
+            payload = _ADDED.sub(b"", payload)
+            if payload.count(b",") + 1 != _FIELDS[kind]:
+                bad += bool(payload)
+                continue
+        payloads.setdefault(kind, []).append(payload)
+        stamps.setdefault(kind, []).append(before.strip(_AROUND_STAMP))
     kinds = {}
-    for kind, payloads in texts.items():
-        fields, good = _floats(payloads, _FIELDS[kind])
-        whole -= int((~good).sum())
-        if good.any():
-            kinds[kind] = _Messages(stamps=np.array(stamps[kind])[good], fields=fields[good])
-    return kinds, content.count(b"$VN") - whole
+    for kind, texts in payloads.items():
+        fields = _floats(texts, _FIELDS[kind])
+        good_rows = np.asarray(np.isfinite(fields).all(axis=1), dtype=np.bool_)
+        bad += int((~good_rows).sum())
+        if good_rows.any():
+            kinds[kind] = _Messages(stamps=_floats(stamps[kind], 1)[good_rows, 0], fields=fields[good_rows])
+    return kinds, bad
 
 
-def _floats(payloads: Sequence[bytes], width: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the fields of messages as numbers, and which messages have nothing but numbers."""
+def _checked(content: bytes, found: Sequence[re.Match[bytes]]) -> NDArray[np.bool_]:
+    """Return which messages have the checksum that they say, the exclusive or of all bytes between $ and *.
+
+    One of 16 bits, and XX in the place of one, are not checked.
+    """
+    if not found:
+        return np.zeros(0, dtype=np.bool_)
+    running = np.bitwise_xor.accumulate(np.frombuffer(content, dtype=np.uint8))
+    dollar = np.array([match.start(2) for match in found]) - len("$VN")
+    star = np.array([match.end(3) for match in found])
+    said = [match.group(4) for match in found]
+    short = np.array([len(text) == 2 and text != b"XX" for text in said])
+    wanted = np.array([int(text, 16) if check else 0 for text, check in zip(said, short.tolist(), strict=True)])
+    right: NDArray[np.bool_] = ~short | ((running[star - 1] ^ running[dollar]) == wanted)
+    return right
+
+
+def _floats(texts: Sequence[bytes], width: int) -> FloatArray:
+    """Return comma-separated texts as numbers (n, width); NaN where a text has anything else."""
     try:
-        fields = np.array(b",".join(payloads).split(b","), dtype=np.float64).reshape(-1, width)
+        return np.array(b",".join(texts).split(b","), dtype=np.float64).reshape(-1, width)
     except ValueError:
         rows = []
-        for payload in payloads:
+        for text in texts:
             try:
-                rows.append([float(text) for text in payload.split(b",")])
+                row = [float(cell) for cell in text.split(b",")]
             except ValueError:
-                rows.append([np.nan] * width)
-        fields = np.array(rows)
-    good = np.asarray(np.isfinite(fields).all(axis=1), dtype=np.bool_)
-    return fields, good
+                row = []
+            rows.append(row if len(row) == width else [np.nan] * width)
+        return np.array(rows)
 
 
 def _fixes(found: _Messages, factor: float) -> tuple[GnssData | None, tuple[Event, ...]]:
