@@ -76,6 +76,13 @@ def test_damaged_time_tags_are_not_believed(tmp_path: Path, damage: int) -> None
     [
         (lambda t: np.column_stack((t[:, 3:6], t[:, 3:6], t[:, 6])), "beside the time .* no three are clearly the acc"),
         (lambda t: np.column_stack((t[:, :3], t[:, :3], t[:, 6])), "beside the time .* no three are clearly the accel"),
+        # A magnetometer turns with the vehicle, but the field keeps its size.
+        (
+            lambda t: np.column_stack(
+                (t[:, :3], 40.0 * np.cos(t[:, 6:] / 9e3), 40.0 * np.sin(t[:, 6:] / 9e3), t[:, 5:7])
+            ),
+            "beside the time .* no three are clearly the accel",
+        ),
         (lambda t: np.column_stack((t[:, :6], t[:, 3])), "names no columns, and no column is the time"),
         (lambda t: np.column_stack((t[:, 6], t[:, :6], t[:, 6] / 1e3)), r"and 2 columns could be \(1, 8\) the time"),
         (
