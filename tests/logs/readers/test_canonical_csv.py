@@ -78,7 +78,7 @@ def test_a_fix_may_have_a_row_of_its_own(put: Writer) -> None:
             "a.csv: the column gyro_y is missing (found: time, gyro_x, gyro_Y,",
         ),
         (HEADER.replace("gyro_y", "gyro_Y") + ROWS, "Is gyro_Y meant as gyro_y?"),
-        (HEADER.replace("time", "t") + ROWS, "the column time is missing"),
+        (HEADER.replace("time", "when") + ROWS, "the column time is missing"),
         (HEADER.replace("vel_e", "east") + ROWS, "the column vel_e is missing"),
         (HEADER.replace("vel_e", "vel_n[km/h]") + ROWS, "a.csv: the column vel_n appears twice in the header"),
         (HEADER.replace("gyro_x", "gyro_x[dps]") + ROWS, "the unit 'dps' of gyro_x is not known; use one of rad/s, mr"),

@@ -104,7 +104,7 @@ def test_seconds_since_1970_are_counted_from_the_first_sample(put: Writer) -> No
     ("content", "sentence"),
     [
         (b"", "a.log is empty; check the recording or the copy."),
-        (b"\x00\x01\x02\xff" * 100, "a.log: the format is not known (binary data); levelhead reads canonical CSV, "),
+        (b"\x00\x01\x02\xff" * 100, "a.log: the format is not known (binary data); levelhead reads "),
         (b"\x1f\x8b\x08\x00" + b"\x99" * 50, "the format is not known (binary data)"),
         (b"hello world\n", "a.log: the format is not known (the first line is 'hello world'); levelhead reads"),
         (b"a,b,c\n1,2,3\n", "For a CSV with other columns pass a mapping file (mapping=)."),
@@ -144,7 +144,7 @@ def test_an_unreadable_file_is_a_sentence(put: Writer, monkeypatch: pytest.Monke
 
 def test_unknown_and_unsuitable_options_are_refused(put: Writer) -> None:
     imu = put("a.csv", IMU)
-    with pytest.raises(UsageError, match=r"'xml' is not known; the formats are csv, parquet, mapped-csv, rtklib-pos"):
+    with pytest.raises(UsageError, match=r"'xml' is not known; the formats are .*csv, parquet, mapped-csv"):
         read(imu, format="xml")
     with pytest.raises(UsageError, match="to be read as mapped-csv; pass mapping= with a section for it"):
         read(imu, format="mapped-csv")

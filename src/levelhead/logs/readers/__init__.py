@@ -14,8 +14,8 @@ from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
-from levelhead.logs.readers import ardupilot_bin, canonical_csv, canonical_parquet, mapped_csv, px4_ulog, rtklib_pos
 from levelhead.logs.readers import (
+    ardupilot_bin,
     canonical_csv,
     canonical_parquet,
     comma2k19,
@@ -23,7 +23,14 @@ from levelhead.logs.readers import (
     kitti_oxts,
     mapped_csv,
     matlab_mat,
+    named_csv,
+    plain_csv,
+    px4_ulog,
     rtklib_pos,
+    sbg,
+    sensor_logger,
+    vectornav,
+    vectornav_ascii,
 )
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
@@ -34,19 +41,28 @@ PathLike = str | os.PathLike[str]
 READERS: Final[dict[str, Reader]] = {
     reader.name: reader
     for reader in (
+        px4_ulog.READER,
+        ardupilot_bin.READER,
+        matlab_mat.READER,
+        kitti_oxts.READER,
+        comma2k19.READER,
+        sensor_logger.READER,
+        rtklib_pos.READER,
+        vectornav.READER,
+        vectornav_ascii.READER,
+        sbg.READER,
+        named_csv.READER,
         canonical_csv.READER,
         canonical_parquet.READER,
         mapped_csv.READER,
-        rtklib_pos.READER,
-        px4_ulog.READER,
-        ardupilot_bin.READER,
-        kitti_oxts.READER,
-        comma2k19.READER,
         kfgins.READER,
-        matlab_mat.READER,
+        plain_csv.READER,
     )
 }
 """Every format by its name, in the order in which they are tried."""
+
+_MAPPABLE: Final = (named_csv.READER, canonical_csv.READER, plain_csv.READER)
+"""Formats that a mapping may read otherwise: what the columns mean is taken from their names or their numbers."""
 
 SNIFFED_BYTES: Final = 65536
 
@@ -212,7 +228,7 @@ def _head(path: Path) -> bytes:
 def _find_reader(path: Path, head: bytes, section: ImuMapping | GnssMapping | None) -> Reader:
     sniffed = next((reader for reader in READERS.values() if reader.sniff(path, head)), None)
     if section is not None and sniffed is not matlab_mat.READER:
-        if sniffed is not None and sniffed is not canonical_csv.READER:
+        if sniffed is not None and sniffed not in _MAPPABLE:
             raise UsageError(
                 f"{path.name} is {sniffed.title}, which needs no mapping; leave out the mapping's section for it."
             )

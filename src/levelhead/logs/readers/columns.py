@@ -34,6 +34,9 @@ IMU_COLUMNS: Final = (*GYRO_COLUMNS, *ACCEL_COLUMNS)
 GNSS_COLUMNS: Final = (*VELOCITY_COLUMNS, *POSITION_COLUMNS)
 
 _NAME_AND_UNIT = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\]]*)\])?\s*")
+_LEAST_VERTICAL_STD: Final = 0.5
+_VERTICAL_STD_SHARE: Final = 0.05
+"""A road of 5 % changes the height by this share of the speed."""
 MAX_NAMES_SHOWN: Final = 16
 """Column names that an error lists at most."""
 
@@ -179,6 +182,12 @@ def pieces_from_table(table: Table) -> Pieces:
         )
     gnss = _gnss(table, gnss_rows) if gnss_rows.any() else None
     return Pieces(imu=imu, gnss=gnss, left_out=table.left_out)
+
+
+def unmeasured_vertical_std(speed: FloatArray) -> FloatArray:
+    """Return the sigma of a vertical velocity that was taken as zero because the receiver tells none, m/s."""
+    wide: FloatArray = np.maximum(_LEAST_VERTICAL_STD, _VERTICAL_STD_SHARE * speed)
+    return wide
 
 
 def _present(table: Table, names: Sequence[str]) -> BoolArray:

@@ -10,7 +10,7 @@ import csv
 import re
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -24,8 +24,11 @@ _BLANK: Final = frozenset({"", "nan", "NaN", "NA", "null", "NULL", "N/A", "#N/A"
 """Cells that mean "absent": those of the list of pyarrow that occur in practice."""
 _NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?)\s*", re.IGNORECASE)
 _PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*")
+DELIMITERS: Final = (",", ";", "\t")
 LAYOUT_LINES: Final = 5
 """Lines whose columns are counted where no header names them."""
+ENDS_COMPARED: Final = 50
+"""Lines whose last cells are compared with that of the last line."""
 MAX_LAYOUT_BYTES: Final = 65536
 MAX_TEXT_SHOWN: Final = 40
 """Characters of a bad cell that an error shows at most."""
@@ -43,6 +46,10 @@ class CsvLayout:
         Byte at which the first row begins.
     first_line : int
         Line number of the first row, from 1.
+    units : tuple of str
+        What the line under the header says of each column; empty where there is no such line.
+    decimal : str
+        The character that the file has in the place of a decimal point.
     """
 
     names: tuple[str, ...]
@@ -50,6 +57,8 @@ class CsvLayout:
     delimiter: str
     start: int
     first_line: int
+    units: tuple[str, ...] = ()
+    decimal: str = "."
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,8 +124,81 @@ def find_layout(content: bytes, *, name: str, header: bool = True, delimiter: st
     raise LogError(f"{name}: the file holds no line of data; check the export.")
 
 
+def guess_layout(content: bytes, *, name: str) -> CsvLayout:
+    """Find delimiter, header, line of units and first row of a text that follows no contract.
+
+    The header may be a comment (``#timestamp,...``), rows may end with a delimiter, numbers may have decimal commas
+    where semicolons or tabs separate the columns. The layout has no header where the first row is of numbers.
+
+    Raises
+    ------
+    LogError
+        When the text holds no line.
+    """
+    head = content[:MAX_LAYOUT_BYTES]
+    plain = find_layout(head, name=name)
+    lines = [line for line in head[plain.start :].split(b"\n") if line.strip()][:LAYOUT_LINES]
+    titles = _line_before(head, plain.start)
+    delimiter = max(DELIMITERS, key=lambda d: _fitness([titles, *lines], d))
+    layout = find_layout(head, name=name, delimiter=delimiter)
+    if sum(_is_number(cell) for cell in layout.names) > len(layout.names) / 2:
+        # The first row is of numbers: a comment above it may name its columns.
+        at = head.find(titles)
+        bare = find_layout(content, name=name, header=False, delimiter=delimiter)
+        above = _line_before(head, at).lstrip(b"#% \t") if at > 0 else b""
+        cells = tuple(c.strip() for c in _cells(above, delimiter))
+        if len(cells) == len(layout.names) and not any(map(_is_number, cells)):
+            bare = replace(bare, names=cells, header=True)
+        return replace(bare, decimal=_decimal(lines, delimiter))
+    names = tuple(n.lstrip("#%").strip() for n in layout.names)
+    rows = [_cells(line, delimiter) for line in lines]
+    if rows and all(len(row) == len(names) + 1 and not row[-1] for row in rows[:-1] or rows):
+        names = (*names, "")  # every row ends with a delimiter, the header does not
+    layout = replace(layout, names=names, decimal=_decimal(lines, delimiter))
+    if rows and len(rows[0]) == len(names) and any(rows[0]) and not any(map(_begins_like_number, rows[0])):
+        end = content.index(lines[0], layout.start) + len(lines[0]) + 1
+        units = tuple(c.strip().strip("()[]") for c in rows[0])
+        line = layout.first_line + content.count(b"\n", layout.start, end)
+        return replace(layout, units=units, start=min(end, len(content)), first_line=line)
+    return layout
+
+
+def _line_before(text: bytes, at: int) -> bytes:
+    """Return the last line that is not blank and ends before a place in a text."""
+    return text[:at].rstrip(_LINE_END).rpartition(b"\n")[2]
+
+
+def _begins_like_number(cell: str) -> bool:
+    return cell.strip() in _BLANK - {""} or re.match(r"\s*[-+.]?\d", cell) is not None
+
+
+def _fitness(lines: Sequence[bytes], delimiter: str) -> float:
+    """Return how many columns most lines have with this delimiter, less if the first line has not as many."""
+    counts = [len(_cells(line, delimiter)) for line in lines]
+    # The last line looked at may be cut.
+    common = statistics.mode(counts[:-1] or counts)
+    if common == 1 or counts[0] == common:
+        return common - 1
+    return common - 0.5 if counts[0] > 1 else common / 1000.0
+
+
+def _decimal(lines: Sequence[bytes], delimiter: str) -> str:
+    """Return the decimal sign: a comma where cells such as ``0,5`` are there and none such as ``0.5``."""
+    if delimiter == ",":
+        return "."
+    cells = [cell.strip() for line in lines for cell in _cells(line, delimiter)]
+    commas = any(re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell) for cell in cells)
+    return "," if commas and not any(re.fullmatch(r"[-+]?\d*\.\d+", cell) for cell in cells) else "."
+
+
 def read_numbers(
-    path: Path, content: bytes, layout: CsvLayout, wanted: Mapping[str, int], *, time_column: str
+    path: Path,
+    content: bytes,
+    layout: CsvLayout,
+    wanted: Mapping[str, int],
+    *,
+    time_column: str,
+    doubt_end: bool = False,
 ) -> CsvNumbers:
     """Read columns of a CSV text as float64; an empty cell is NaN.
 
@@ -132,6 +214,9 @@ def read_numbers(
         Name in the result to index of the column, from 0.
     time_column : str
         The key of `wanted` whose numbers advance: it shows a last line that was cut within its time stamp.
+    doubt_end : bool
+        Leave out a last line without line end unless its last number is written like those above it: a program that
+        ends its lines was stopped there.
 
     Raises
     ------
@@ -140,6 +225,9 @@ def read_numbers(
     """
     start, first_line, left_out = layout.start, layout.first_line, 0
     body = content[start:].rstrip(_LINE_END)
+    if layout.decimal != ".":
+        # One character for one: every place in the file stays where it was.
+        body = body.replace(layout.decimal.encode(), b".")
     ended = content.endswith(b"\n")
     if body.endswith(b"\0"):
         # What a power cut leaves on a memory card: the length of the file was written, its last block was not.
@@ -152,7 +240,9 @@ def read_numbers(
         cut = body.find(b"\n") + 1
         start, body, first_line, left_out = start + cut, body[cut:] if cut else b"", first_line + 1, left_out + 1
     ends_early = not ended and (
-        last.endswith(layout.delimiter.encode()) or _steps_back(body, layout, wanted[time_column])
+        last.endswith(layout.delimiter.encode())
+        or _steps_back(body, layout, wanted[time_column])
+        or (doubt_end and not _ends_like_others(body, layout.delimiter))
     )
     if body and (ends_early or _is_cut(last, layout, wanted)):
         body = body[: body.rfind(b"\n") + 1]
@@ -227,6 +317,14 @@ def _steps_back(body: bytes, layout: CsvLayout, index: int) -> bool:
     if any(len(cells) != len(layout.names) or _NUMBER.fullmatch(cells[index]) is None for cells in texts):
         return False
     return float(texts[1][index]) <= float(texts[0][index])
+
+
+def _ends_like_others(body: bytes, delimiter: str) -> bool:
+    """Return whether the last number of the last lines always has as many decimals, or digits where it has none."""
+    cells = [line.strip(_LINE_END).rpartition(delimiter.encode())[2] for line in body[-MAX_LAYOUT_BYTES:].split(b"\n")]
+    written = [(len(c.rpartition(b".")[2]), True) if b"." in c else (len(c), False) for c in cells if c]
+    # The first of these lines may be a piece.
+    return len(set(written[1:][-ENDS_COMPARED:])) <= 1
 
 
 def _line(body: bytes, *, first: bool) -> bytes:
