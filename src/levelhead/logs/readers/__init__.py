@@ -14,7 +14,7 @@ from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
-from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, rtklib_pos
+from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, rtklib_pos, ublox_ubx
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
@@ -28,6 +28,7 @@ READERS: Final[dict[str, Reader]] = {
         canonical_parquet.READER,
         mapped_csv.READER,
         rtklib_pos.READER,
+        ublox_ubx.READER,
     )
 }
 """Every format by its name, in the order in which they are tried."""
