@@ -126,7 +126,7 @@ class Sentences:
     datum : str or None
         What DTM says of the datum.
     damaged : int
-        Lines with a ``$`` that are no sentence with the right checksum, or whose fields are not what they should be;
+        Lines with a ``$`` or ``*`` that are no sentence with the right checksum, or whose fields are not what they should be;
         `first_damaged` is the first of them, counted from 1.
     odd : int
         Other lines that are not empty.
@@ -191,7 +191,7 @@ class Sentences:
         line = line.strip(b" \t\r\0")
         if not line or line.startswith((b"#", b"!")):
             return
-        if b"$" in line or cut:
+        if b"$" in line or b"*" in line or cut:
             self._hurt(cut=cut)
         else:
             self.odd += 1
