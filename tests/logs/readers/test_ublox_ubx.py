@@ -15,9 +15,10 @@ from pyubx2 import GET, UBXMessage, UBXReader
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
 from levelhead.logs.pieces import GnssData, ImuData, Pieces
-from levelhead.logs.readers import read, ubx_frames
+from levelhead.logs.readers import frames as binary
+from levelhead.logs.readers import read
 from levelhead.logs.readers.base import Source
-from levelhead.logs.readers.ublox_ubx import LAYOUTS, PVT, READER
+from levelhead.logs.readers.ublox_ubx import LAYOUTS, PVT, READER, UBX
 from samples import damage, ublox_ubx
 from samples.drive import EPOCH_UTC_S, sample_drive
 
@@ -84,7 +85,7 @@ def test_the_drive_comes_back(sample: Path) -> None:
 
 def test_the_frames_and_fields_of_a_recording_are_those_of_pyubx2(data_folder: Path) -> None:
     path = data_folder / "formats" / "walk_0827.ubx"
-    found = ubx_frames.scan(path, (PVT,))
+    found = binary.scan(path, UBX, (PVT,))
     with path.open("rb") as file:
         theirs = [m for _, m in UBXReader(file, quitonerror=0) if m.identity.startswith(("NAV", "RXM"))]
     assert found.count == len(theirs) == 3400
@@ -150,12 +151,12 @@ def test_a_long_file_is_read_in_parts(
     content = sample.read_bytes()
     mixed = content[:50_000] + b"junk" * 500 + content[50_000:] + b"$GNGLL,,,,,,V,N*7A\r\n"
     (tmp_path / "b.ubx").write_bytes(mixed)
-    wanted = (PVT, (0x10, 0x02))
-    once = ubx_frames.scan(tmp_path / "b.ubx", wanted)
+    wanted = (PVT, 0x1002)
+    once = binary.scan(tmp_path / "b.ubx", UBX, wanted)
     # Frames of this file are shorter than 1100 bytes, as are sentences and RTCM messages always.
-    monkeypatch.setattr(ubx_frames, "_LONGEST", 1100)
-    monkeypatch.setattr(ubx_frames, "_CHUNK", chunk)
-    parts = ubx_frames.scan(tmp_path / "b.ubx", wanted)
+    monkeypatch.setattr(binary, "_LONGEST", 1100)
+    monkeypatch.setattr(binary, "_CHUNK", chunk)
+    parts = binary.scan(tmp_path / "b.ubx", UBX, wanted)
     for message in wanted:
         np.testing.assert_array_equal(parts.frames[message].at, once.frames[message].at)
         np.testing.assert_array_equal(parts.frames[message].data, once.frames[message].data)

@@ -20,18 +20,18 @@ from levelhead.events import Event
 from levelhead.logs.datum import ELLIPSOIDAL, declared
 from levelhead.logs.pieces import GnssData, ImuData, Pieces, Stream, none_if_absent
 from levelhead.logs.readers.base import Reader, Source, choose
+from levelhead.logs.readers.frames import Bytes, Places, Protocol, Scan, scan
 from levelhead.logs.readers.ubx_esf import MEAS, RAW, assemble, readings_of, wheel_speed
-from levelhead.logs.readers.ubx_frames import Message, Places, Scan, find, scan
 from levelhead.logs.timescales import GPS_EPOCH_S, GPST, WEEK_S, continued
 
 Structured = NDArray[np.void]
 
-PVT: Final = (0x01, 0x07)
-POSLLH: Final = (0x01, 0x02)
-VELNED: Final = (0x01, 0x12)
-SOL: Final = (0x01, 0x06)
-HPPOSLLH: Final = (0x01, 0x14)
-INS: Final = (0x10, 0x15)
+PVT: Final = 0x0107
+POSLLH: Final = 0x0102
+VELNED: Final = 0x0112
+SOL: Final = 0x0106
+HPPOSLLH: Final = 0x0114
+INS: Final = 0x1015
 
 _BASES: Final = {PVT: "NAV-PVT", POSLLH: "NAV-POSLLH", VELNED: "NAV-VELNED"}
 """The messages that make epochs, each taken only where those before it are absent."""
@@ -50,7 +50,7 @@ def _position_at(offset: int) -> tuple[tuple[str, str, int], ...]:
     return tuple((name, kind, at + offset) for name, kind, at in _POSITION)
 
 
-LAYOUTS: Final[dict[Message, np.dtype[np.void]]] = {
+LAYOUTS: Final[dict[int, np.dtype[np.void]]] = {
     PVT: _layout(
         84,  # 92 since protocol 15
         ("itow", "<u4", 0),
@@ -95,9 +95,49 @@ _UNKNOWN_M: Final = 1e5
 """Sigmas from here on (m, m/s) say that nothing is known; u-blox writes 2^32 - 1 mm."""
 
 
+_AROUND: Final = 8
+"""Bytes of a frame besides its payload: two of sync, class, identifier, two of length, and two of checksum behind."""
+
+
+def find_frames(buffer: Bytes, limit: int) -> tuple[Places, Places]:
+    """Return where the frames that begin before `limit` begin and end in a part of a stream."""
+    marks = np.flatnonzero((buffer[:-1] == 0xB5) & (buffer[1:] == 0x62))
+    marks = marks[(marks < limit) & (marks + _AROUND <= buffer.size)]
+    if marks.size == 0:
+        return marks, marks
+    end = marks + _AROUND + buffer[marks + 4] + (buffer[marks + 5].astype(np.int64) << 8)
+    marks, end = marks[end <= buffer.size], end[end <= buffer.size]
+    # first[k] is the sum of the k bytes before k, second[k] the sum of first[1..k], both modulo 256 by overflow.
+    first = np.zeros(buffer.size + 1, dtype=np.uint8)
+    np.cumsum(buffer, dtype=np.uint8, out=first[1:])
+    second = np.cumsum(first, dtype=np.uint8)
+    begin, stop = marks + 2, end - 2
+    ck_a = first[stop] - first[begin]
+    ck_b = second[stop] - second[begin] - (stop - begin).astype(np.uint8) * first[begin]
+    good = (ck_a == buffer[stop]) & (ck_b == buffer[stop + 1])
+    marks, end = marks[good], end[good]
+    if (marks[1:] >= end[:-1]).all():
+        return marks, end
+    # Where frames overlap, one is a piece of payload that looks like a frame: the one that began first is right.
+    kept, last = [], 0
+    for k, (mark, stop_at) in enumerate(zip(marks.tolist(), end.tolist(), strict=True)):
+        if mark >= last:
+            kept.append(k)
+            last = stop_at
+    return marks[kept], end[kept]
+
+
+def _kinds(buffer: Bytes, start: Places) -> Places:
+    """Return class and identifier of frames as one number."""
+    return (buffer[start + 2].astype(np.int64) << 8) | buffer[start + 3]
+
+
+UBX: Final = Protocol(find=find_frames, kinds=_kinds, header=6, trailer=2)
+
+
 def sniff(_path: Path, head: bytes) -> bool:
     """Return whether the bytes hold frames with the right checksum: one at the very beginning, or two anywhere."""
-    start, _ = find(np.frombuffer(head, dtype=np.uint8), len(head))
+    start, _ = find_frames(np.frombuffer(head, dtype=np.uint8), len(head))
     return start.size >= 2 or (start.size == 1 and int(start[0]) == 0)
 
 
@@ -110,7 +150,7 @@ def read(source: Source) -> Pieces:
         When the file holds neither GNSS epochs nor IMU readings.
     """
     name = source.path.name
-    found = scan(source.path, (*LAYOUTS, MEAS, RAW, INS))
+    found = scan(source.path, UBX, (*LAYOUTS, MEAS, RAW, INS))
     if found.count == 0:
         raise LogError(f"{name}: no UBX frame has the right checksum; the file is damaged or in another format.")
     events: list[Event] = []
@@ -128,8 +168,8 @@ def read(source: Source) -> Pieces:
     return Pieces(
         imu=imu,
         gnss=gnss,
-        left_out=int(found.cut_start) + int(found.cut_end),
-        damaged=_damage(name, found),
+        left_out=found.left_out,
+        damaged=found.damage(name, "UBX frames"),
         meta=declared(name, datum=None, height=ELLIPSOIDAL) if gnss is not None else {},
         events=tuple(events),
         streams=tuple(streams),
@@ -140,15 +180,6 @@ def read(source: Source) -> Pieces:
 def _why(events: list[Event]) -> str:
     details = " ".join(event.detail for event in events)
     return f" Left out: {details}" if details else ""
-
-
-def _damage(name: str, found: Scan) -> str:
-    if not found.damaged_places:
-        return ""
-    return (
-        f"{name}: {found.damaged_bytes} bytes in {found.damaged_places} places are neither UBX frames with the right "
-        "checksum nor NMEA or RTCM."
-    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,14 +205,14 @@ class _Rows:
         return table
 
 
-def _payloads(found: Scan, message: Message) -> tuple[Structured, Places]:
+def _payloads(found: Scan, message: int) -> tuple[Structured, Places]:
     """Return the payloads of a message as a structured array, and where their frames begin."""
     layout = LAYOUTS[message]
     rows, at = found.frames[message].rows(layout.itemsize)
     return np.ascontiguousarray(rows).view(layout).reshape(at.size), at
 
 
-def _beside(found: Scan, message: Message, at: Places, itow: NDArray[np.uint32]) -> _Rows:
+def _beside(found: Scan, message: int, at: Places, itow: NDArray[np.uint32]) -> _Rows:
     """Return for each epoch the message next to it in the file that has the same time of week."""
     rows, places = _payloads(found, message)
     values, there = np.zeros(at.size, dtype=LAYOUTS[message]), np.zeros(at.size, dtype=np.bool_)

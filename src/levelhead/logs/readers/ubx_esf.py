@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from levelhead.conventions import FloatArray
 from levelhead.logs.pieces import ImuData
+from levelhead.logs.readers.frames import Frames, Places
 from levelhead.logs.readers.sensor_clock import Placed, Ticks, place
-from levelhead.logs.readers.ubx_frames import Frames, Places
 
-MEAS: Final = (0x10, 0x02)
-RAW: Final = (0x10, 0x03)
+MEAS: Final = 0x1002
+RAW: Final = 0x1003
 
 GYRO_TYPES: Final = (14, 13, 5)
 """Types of the readings of the gyroscope's x, y and z axes."""

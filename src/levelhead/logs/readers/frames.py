@@ -1,15 +1,13 @@
-"""Frames of u-blox's UBX protocol out of a stream that may hold NMEA sentences and RTCM messages besides.
+"""Frames of a binary protocol out of a stream that may hold NMEA sentences and RTCM messages besides.
 
-A frame is ``b5 62``, class, identifier, length (two bytes, little-endian), payload, and two checksum bytes (Fletcher's
-sums modulo 256 over all from the class to the end of the payload). Both sums of any stretch follow from running sums
-over the whole buffer, so that every place that could be a frame is checked at once; what passes is a frame, and a
-damaged one hides nothing behind it.
+A protocol finds its frames by their checksums alone, from every place that could be the beginning of one: what passes
+is a frame, and a damaged one hides nothing behind it. What lies between frames is accounted for.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -19,12 +17,9 @@ from numpy.typing import NDArray
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
-Message = tuple[int, int]
-"""Class and identifier."""
 
-_AROUND: Final = 8
-"""Bytes of a frame besides its payload."""
-_LONGEST: Final = 65535 + _AROUND
+_LONGEST: Final = 65535 + 8
+"""No frame is longer: lengths have 16 bits."""
 _CHUNK: Final = 1 << 24
 """Bytes that are read at once: memory stays flat however long the file is."""
 
@@ -33,6 +28,26 @@ _PADDING: Final = re.compile(rb"[\r\n\0\xff]+")
 """Line ends, and what a receiver sends on I2C and SPI while it has nothing to say."""
 _RTCM_LONGEST: Final = 1023 + 6
 _NEXT: Final = re.compile(rb"[$!\xd3]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Protocol:
+    """How frames of a protocol look.
+
+    Attributes
+    ----------
+    find : callable
+        Takes a part of a stream and a limit; returns where the frames that begin before the limit begin and end.
+    kinds : callable
+        Takes a part of a stream and where frames begin; returns the number of each frame's message.
+    header, trailer : int
+        Bytes before and behind the payload.
+    """
+
+    find: Callable[[Bytes, int], tuple[Places, Places]]
+    kinds: Callable[[Bytes, Places], Places]
+    header: int
+    trailer: int
 
 
 @dataclass(eq=False)
@@ -64,12 +79,26 @@ class Frames:
 class Scan:
     """What a file holds: the wanted frames, how many there are in all, and what is neither frame nor NMEA nor RTCM."""
 
-    frames: dict[Message, Frames]
+    frames: dict[int, Frames]
     count: int = 0
     damaged_bytes: int = 0
     damaged_places: int = 0
     cut_start: bool = False
     cut_end: bool = False
+
+    @property
+    def left_out(self) -> int:
+        """Cut frames at the start and the end of the file."""
+        return int(self.cut_start) + int(self.cut_end)
+
+    def damage(self, name: str, what: str) -> str:
+        """Say where the file is damaged in its middle; `what` are the frames."""
+        if not self.damaged_places:
+            return ""
+        return (
+            f"{name}: {self.damaged_bytes} bytes in {self.damaged_places} places are neither {what} with the right "
+            "checksum nor NMEA or RTCM."
+        )
 
 
 @dataclass
@@ -88,42 +117,14 @@ class _Gathered:
         return Frames(at=np.concatenate([none, *self.at]), start=start.astype(np.int64), length=length, data=data)
 
 
-def find(buffer: Bytes, limit: int) -> tuple[Places, Places]:
-    """Return where the frames that begin before `limit` begin and end in a part of a stream."""
-    marks = np.flatnonzero((buffer[:-1] == 0xB5) & (buffer[1:] == 0x62))
-    marks = marks[(marks < limit) & (marks + _AROUND <= buffer.size)]
-    if marks.size == 0:
-        return marks, marks
-    end = marks + _AROUND + buffer[marks + 4] + (buffer[marks + 5].astype(np.int64) << 8)
-    marks, end = marks[end <= buffer.size], end[end <= buffer.size]
-    # first[k] is the sum of the k bytes before k, second[k] the sum of first[1..k], both modulo 256 by overflow.
-    first = np.zeros(buffer.size + 1, dtype=np.uint8)
-    np.cumsum(buffer, dtype=np.uint8, out=first[1:])
-    second = np.cumsum(first, dtype=np.uint8)
-    begin, stop = marks + 2, end - 2
-    ck_a = first[stop] - first[begin]
-    ck_b = second[stop] - second[begin] - (stop - begin).astype(np.uint8) * first[begin]
-    good = (ck_a == buffer[stop]) & (ck_b == buffer[stop + 1])
-    marks, end = marks[good], end[good]
-    if (marks[1:] >= end[:-1]).all():
-        return marks, end
-    # Where frames overlap, one is a piece of payload that looks like a frame: the one that began first is right.
-    kept, last = [], 0
-    for k, (mark, stop_at) in enumerate(zip(marks.tolist(), end.tolist(), strict=True)):
-        if mark >= last:
-            kept.append(k)
-            last = stop_at
-    return marks[kept], end[kept]
-
-
-def scan(path: Path, wanted: Sequence[Message]) -> Scan:
+def scan(path: Path, protocol: Protocol, wanted: Iterable[int]) -> Scan:
     """Read a file and keep the payloads of the wanted messages."""
-    gathered: dict[Message, _Gathered] = {message: _Gathered() for message in wanted}
+    gathered: dict[int, _Gathered] = {message: _Gathered() for message in wanted}
     stream = Scan(frames={})
     between = _Between()
     for base, buffer, limit, last in _parts(path, between):
-        start, end = find(buffer, limit)
-        _gather(gathered, buffer, start, end, base)
+        start, end = protocol.find(buffer, limit)
+        _gather(protocol, gathered, buffer, start, end, base)
         stream.count += start.size
         between.walk(buffer.tobytes(), base, start.tolist(), end.tolist(), limit, last=last)
     stream.frames = {message: parts.joined() for message, parts in gathered.items()}
@@ -150,13 +151,16 @@ def _parts(path: Path, between: _Between) -> Iterator[tuple[int, Bytes, int, boo
             base, kept = base + step, content[step:]
 
 
-def _gather(gathered: dict[Message, _Gathered], buffer: Bytes, start: Places, end: Places, base: int) -> None:
-    kind, number = buffer[start + 2], buffer[start + 3]
+def _gather(
+    protocol: Protocol, gathered: dict[int, _Gathered], buffer: Bytes, start: Places, end: Places, base: int
+) -> None:
+    kinds = protocol.kinds(buffer, start)
     for message, parts in gathered.items():
-        mine = (kind == message[0]) & (number == message[1])
+        mine = kinds == message
         if not mine.any():
             continue
-        begin, length = start[mine] + 6, (end - start)[mine] - _AROUND
+        begin = start[mine] + protocol.header
+        length = end[mine] - protocol.trailer - begin
         ramp = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
         parts.at.append(start[mine] + base)
         parts.length.append(length)
