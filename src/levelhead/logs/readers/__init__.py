@@ -14,7 +14,15 @@ from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
-from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, nmea, rtklib_pos, ublox_ubx
+from levelhead.logs.readers import (
+    canonical_csv,
+    canonical_parquet,
+    mapped_csv,
+    nmea,
+    rtklib_pos,
+    septentrio_sbf,
+    ublox_ubx,
+)
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
@@ -29,6 +37,7 @@ READERS: Final[dict[str, Reader]] = {
         mapped_csv.READER,
         rtklib_pos.READER,
         ublox_ubx.READER,
+        septentrio_sbf.READER,
         nmea.READER,
     )
 }

@@ -20,7 +20,7 @@ Places = NDArray[np.int64]
 
 _LONGEST: Final = 65535 + 8
 """No frame is longer: lengths have 16 bits."""
-_CHUNK: Final = 1 << 24
+_CHUNK: Final = 1 << 22
 """Bytes that are read at once: memory stays flat however long the file is."""
 
 _NMEA: Final = re.compile(rb"[$!][\x20-\x7e]{3,250}\r?\n")

@@ -126,8 +126,8 @@ class Sentences:
     datum : str or None
         What DTM says of the datum.
     damaged : int
-        Lines with a ``$`` or ``*`` that are no sentence with the right checksum, or whose fields are not what they should be;
-        `first_damaged` is the first of them, counted from 1.
+        Lines with a ``$`` or ``*`` that are no sentence with the right checksum, or whose fields are not what they
+        should be; `first_damaged` is the first of them, counted from 1.
     odd : int
         Other lines that are not empty.
     left_out : int
