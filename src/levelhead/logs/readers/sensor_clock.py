@@ -60,6 +60,15 @@ def place(tags: Ticks, at: Ticks, epoch_at: Ticks, epoch_time: FloatArray, *, no
     nominal_s : float or None
         The length of a tick for recordings that are too short to tell it, s.
     """
+    new = np.ones(tags.size, dtype=np.bool_)
+    new[1:] = (tags[1:] != tags[:-1]) | (at[1:] != at[:-1])
+    # Readings of one instant stand together: the work is done once for all of them.
+    placed = _place(tags[new], at[new], epoch_at, epoch_time, nominal_s)
+    run = np.cumsum(new) - 1
+    return Placed(time=placed.time[run], key=placed.key[run], tick_s=placed.tick_s)
+
+
+def _place(tags: Ticks, at: Ticks, epoch_at: Ticks, epoch_time: FloatArray, nominal_s: float | None) -> Placed:
     ticks, stretch = _unwrapped(tags)
     key = ticks + (stretch << 48)
     time = np.full(tags.size, np.nan)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -34,6 +34,7 @@ ACCEL_UNIT: Final = 2.0**-10
 
 _CALIBRATED: Final = 0x08
 """Flag of ESF-MEAS: the last word of the payload is a time, not a reading."""
+_AT_ONCE: Final = 1 << 14
 _SAME_TAGS: Final = 0.9
 """Share of the gyroscope's tags that the accelerometer shares where both are read together."""
 
@@ -46,8 +47,12 @@ class Readings:
     ----------
     name : str
         The message, and the provider where there are several.
-    kind, value, tag : (n,) int64
-        The types, the 24 bits with their sign, and the time tags.
+    kind : (n,) uint8
+        Types.
+    value : (n,) int32
+        The 24 bits with their sign.
+    tag : (n,) int64
+        Time tags.
     at : (n,) int64
         Where in the file the message of each begins.
     tick_s : float or None
@@ -55,8 +60,8 @@ class Readings:
     """
 
     name: str
-    kind: Ticks
-    value: Ticks
+    kind: NDArray[np.uint8]
+    value: NDArray[np.int32]
     tag: Ticks
     at: Places
     tick_s: float | None
@@ -74,54 +79,72 @@ class Assembled:
 
 def readings_of(raw: Frames, meas: Frames) -> list[Readings]:
     """Take the readings out of the frames: those of ESF-RAW, then of ESF-MEAS, by provider."""
-    found = [_of_raw(raw)] if raw.at.size else []
-    if meas.at.size == 0:
-        return found
-    parts, provider = _of_meas(meas)
-    several = np.unique(provider)
-    for number in several:
-        mine = provider == number
-        name = "ESF-MEAS" if several.size == 1 else f"ESF-MEAS-{number}"
-        kind, value, tag, at = (column[mine] for column in parts)
-        found.append(Readings(name=name, kind=kind, value=value, tag=tag, at=at, tick_s=1e-3))
-    return found
+    return ([_of_raw(raw)] if raw.at.size else []) + (_of_meas(meas) if meas.at.size else [])
 
 
-def _words(frames: Frames, begin: Places, count: Places) -> tuple[Ticks, Places]:
+def _words(frames: Frames, begin: Places, count: Places) -> tuple[NDArray[np.uint32], Places]:
     """Return `count` words of 32 bits from the places `begin` of the data, and the frame of each."""
     frame = np.repeat(np.arange(count.size), count)
-    ramp = np.arange(frame.size) - np.repeat(np.cumsum(count) - count, count)
-    first = (begin[frame] + 4 * ramp)[:, np.newaxis] + np.arange(4)
-    return np.ascontiguousarray(frames.data[first]).view("<u4")[:, 0].astype(np.int64), frame
+    first = begin[frame] + 4 * (np.arange(frame.size) - np.repeat(np.cumsum(count) - count, count))
+    if not (begin % 4).any():
+        return frames.data[: frames.data.size // 4 * 4].view("<u4")[first // 4], frame
+    return np.ascontiguousarray(frames.data[first[:, np.newaxis] + np.arange(4)]).view("<u4")[:, 0], frame
 
 
-def _split(word: Ticks) -> tuple[Ticks, Ticks]:
-    """Return types and values of words: six bits, and 24 with a sign."""
-    low = word & 0xFFFFFF
-    return (word >> 24) & 0x3F, np.where(low >= 1 << 23, low - (1 << 24), low)
+def _readings(
+    name: str, word: NDArray[np.uint32], tag: NDArray[np.uint32], at: Places, tick_s: float | None
+) -> Readings:
+    """Return the readings of words: types of six bits, and 24 bits with a sign; those of other sensors are left out."""
+    kind = ((word >> 24) & 0x3F).astype(np.uint8)
+    used = np.isin(kind, (*GYRO_TYPES, *ACCEL_TYPES, SPEED_TYPE))
+    value = (word[used] << 8).view(np.int32) >> 8
+    return Readings(name=name, kind=kind[used], value=value, tag=tag[used].astype(np.int64), at=at[used], tick_s=tick_s)
 
 
 def _of_raw(frames: Frames) -> Readings:
-    count = np.maximum(frames.length - 4, 0) // 8
-    word, frame = _words(frames, frames.start + 4, 2 * count)
-    kind, value = _split(word[0::2])
-    # The unit of these tags differs from product to product and is not documented: the GNSS epochs tell it.
-    return Readings(name="ESF-RAW", kind=kind, value=value, tag=word[1::2], at=frames.at[frame[0::2]], tick_s=None)
+    parts = []
+    # A few thousand frames at a time: the indices of all at once would take many times the file's size.
+    for begin in range(0, frames.at.size, _AT_ONCE):
+        rows = slice(begin, begin + _AT_ONCE)
+        count = np.maximum(frames.length[rows] - 4, 0) // 8
+        word, frame = _words(frames, frames.start[rows] + 4, 2 * count)
+        # The unit of these tags differs from product to product and is not documented: the GNSS epochs tell it.
+        parts.append(_readings("ESF-RAW", word[0::2], word[1::2], frames.at[rows][frame[0::2]], None))
+    return _joined(parts)
 
 
-def _of_meas(frames: Frames) -> tuple[tuple[Ticks, Ticks, Ticks, Places], Ticks]:
-    """Return types, values, tags and places of the readings, and the provider of each."""
+def _of_meas(frames: Frames) -> list[Readings]:
+    """Return the readings of ESF-MEAS, one set for each provider."""
     enough = frames.length >= 8
     frames = Frames(at=frames.at[enough], start=frames.start[enough], length=frames.length[enough], data=frames.data)
     head, _ = _words(frames, frames.start, np.full(frames.at.size, 2))
-    tag, flags = head[0::2], head[1::2] & 0xFFFF
-    told = flags >> 11
+    tag, flags, provider = head[0::2], head[1::2] & 0xFFFF, head[1::2] >> 16
+    told = (flags >> 11).astype(np.int64)
     room = (frames.length - 8 - 4 * ((flags & _CALIBRATED) > 0)) // 4
     # Old protocols tell no number of readings: there it follows from the length.
     count = np.where(told > 0, np.minimum(told, (frames.length - 8) // 4), np.maximum(room, 0))
-    word, frame = _words(frames, frames.start + 8, count)
-    kind, value = _split(word)
-    return (kind, value, tag[frame], frames.at[frame]), (head[1::2] >> 16)[frame]
+    numbers = np.unique(provider)
+    found = []
+    for number in numbers:
+        name = "ESF-MEAS" if numbers.size == 1 else f"ESF-MEAS-{number}"
+        mine = np.flatnonzero(provider == number)
+        parts = []
+        for begin in range(0, mine.size, _AT_ONCE):
+            rows = mine[begin : begin + _AT_ONCE]
+            word, frame = _words(frames, frames.start[rows] + 8, count[rows])
+            parts.append(_readings(name, word, tag[rows][frame], frames.at[rows][frame], 1e-3))
+        found.append(_joined(parts))
+    return found
+
+
+def _joined(parts: list[Readings]) -> Readings:
+    return replace(
+        parts[0],
+        kind=np.concatenate([part.kind for part in parts]),
+        value=np.concatenate([part.value for part in parts]),
+        tag=np.concatenate([part.tag for part in parts]),
+        at=np.concatenate([part.at for part in parts]),
+    )
 
 
 def assemble(readings: Readings, epoch_at: Places, epoch_time: FloatArray) -> Assembled | None:
@@ -159,7 +182,7 @@ def assemble(readings: Readings, epoch_at: Places, epoch_time: FloatArray) -> As
     return Assembled(imu=imu, unplaced=int((~known).sum()), incomplete=gyro_odd + accel_odd + lost, note=note)
 
 
-def _triples(types: Sequence[int], kind: Ticks, key: Ticks) -> tuple[Ticks, NDArray[np.intp], int]:
+def _triples(types: Sequence[int], kind: NDArray[np.uint8], key: Ticks) -> tuple[Ticks, NDArray[np.intp], int]:
     """Return the tags that all three axes have, the rows of their readings (n, 3), and how many readings are left."""
     keys, rows = [], []
     for wanted in types:
