@@ -95,7 +95,6 @@ def _unwrapped(tags: Ticks) -> tuple[Ticks, Ticks]:
     step = (step + half) % (1 << bits) - half
     usual = max(int(np.median(step[step > 0])), 1) if (step > 0).any() else 1
     broken = (step > _BREAK * usual) | (step < -100 * usual)
-    step[broken] = 0
     return np.cumsum(step), np.cumsum(broken).astype(np.int64)
 
 
