@@ -134,6 +134,22 @@ def test_the_date_of_rmc_carries_over_midnight(tmp_path: Path) -> None:
     )
 
 
+def test_a_receiver_that_knows_no_date_yet_is_no_damage(tmp_path: Path) -> None:
+    empty = sentence("GPRMC,000003.00,V,,,,,,,000000,,,N")
+    pieces = pieces_of(tmp_path, empty + rmc(EPOCH_UTC_S, LLH, EAST))
+    assert pieces.damaged == ""
+    assert pieces.gnss is not None
+    np.testing.assert_array_equal(pieces.gnss.time, [EPOCH_UTC_S])
+
+
+def test_a_second_copy_of_a_drive_is_counted_and_not_used(tmp_path: Path) -> None:
+    text = "".join(rmc(EPOCH_UTC_S + k, LLH, EAST) for k in range(5))
+    pieces = pieces_of(tmp_path, text + text)
+    assert pieces.gnss is not None
+    assert pieces.gnss.time.size == 5
+    assert pieces.events[0].detail == "sentences that repeat the time of others of their kind: 5."
+
+
 def test_gga_alone_has_no_date_and_says_so(tmp_path: Path) -> None:
     midnight = 20_266 * 86400.0
     pieces = pieces_of(tmp_path, "".join(gga(midnight + dt, LLH) for dt in (-0.2, 0.0, 0.2)))

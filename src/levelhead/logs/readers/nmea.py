@@ -65,6 +65,8 @@ def read(source: Source) -> Pieces:
         raise LogError(f"{name}: none of {fixed.size} epochs has a GNSS fix.")
     if found.odd:
         events.append(_dropped(found.odd, "lines that are no NMEA sentences"))
+    if epochs.repeated:
+        events.append(_dropped(epochs.repeated, "sentences that repeat the time of others of their kind"))
     ned, ned_std = epochs.velocities()
     moving = int(np.isfinite(ned[fixed]).all(axis=1).sum())
     if moving:
@@ -117,6 +119,8 @@ class _Epochs:
         Whether a date is known.
     sure : bool
         Whether it is sure to which epochs the velocities belong.
+    repeated : int
+        Sentences that came after others of the same kind and time, and were not used.
     """
 
     def __init__(self, found: Sentences) -> None:
@@ -137,6 +141,7 @@ class _Epochs:
         # Receivers write at most a thousandth of a second; sentences of one epoch say the same.
         _, first = np.unique(np.round(1e3 * time[made]).astype(np.int64), return_index=True)
         self.time = time[made][np.sort(first)]
+        self.repeated = 0
         self._gga = self._on_epochs(kinds[b"GGA"][:, 2:], time[place[b"GGA"]])
         self._rmc = self._on_epochs(kinds[b"RMC"][:, 3:], time[place[b"RMC"]])
         self._gst = self._on_epochs(kinds[b"GST"][:, 2:], time[place[b"GST"]])
@@ -152,6 +157,7 @@ class _Epochs:
             at = order[near]
             same = np.flatnonzero(np.abs(self.time[at] - time) < 5e-4)[::-1]
             rows[at[same]] = values[same]
+            self.repeated += same.size - np.unique(at[same]).size
         return rows
 
     def fixed(self) -> NDArray[np.bool_]:
@@ -193,7 +199,9 @@ class _Epochs:
         after = np.searchsorted(self._line, vtg[:, 0])
         before = np.clip(after - 1, 0, self._line.size - 1)
         after = np.clip(after, 0, self._line.size - 1)
+        counted = self.repeated
         ways = [self._on_epochs(vtg[:, 1:], self._timed[k]) for k in (before, after)]
+        self.repeated = counted
         if (self._timed[before] == self._timed[after]).all():
             return ways[0]
         return ways[self._better(*ways)]

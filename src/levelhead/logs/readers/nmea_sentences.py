@@ -73,13 +73,17 @@ def angle(field: bytes, side: bytes, limit: float) -> float:
 
 @lru_cache(maxsize=64)
 def day_number(day: bytes, month: bytes, year: bytes) -> float:
-    """Return days since 1970; of years with two digits those from 80 on are of the last century."""
+    """Return days since 1970, NaN for what is no date; of years with two digits those from 80 on are of the 1900s."""
     try:
-        full = int(year)
-        full += (1900 if full >= 80 else 2000) if len(year) <= 2 else 0
-        return float((dt.date(full, int(month), int(day)) - dt.date(1970, 1, 1)).days)
+        full, of_year, of_month = int(year), int(month), int(day)
     except ValueError:
         raise FieldError from None
+    full += (1900 if full >= 80 else 2000) if len(year) <= 2 else 0
+    try:
+        return float((dt.date(full, of_year, of_month) - dt.date(1970, 1, 1)).days)
+    except ValueError:
+        # A receiver that knows no date may write 000000.
+        return math.nan
 
 
 def _gga(f: Sequence[bytes]) -> tuple[float, ...]:
