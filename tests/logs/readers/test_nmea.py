@@ -244,13 +244,14 @@ def test_bad_lines_are_counted_and_named(tmp_path: Path) -> None:
     good = rmc(EPOCH_UTC_S, LLH, EAST)
     bad = gga(EPOCH_UTC_S, LLH).replace("*", "*0")
     no_time = sentence("GPGGA,99xx00.00,4805.0,N,00905.0,E,1,08,1.0,250.5,M,47.0,M,,")
-    text = good + bad + no_time + "the engine was started\r\n" + "# a comment\r\n\r\n!AIVDM,1\r\n" + good[:-2]
+    text = good + bad + no_time + "the engine was started\r\n" + "# a comment\r\n\r\n!AIVDM,1\r\n"
+    text += rmc(EPOCH_UTC_S + 1, LLH, EAST)[:-2]
     pieces = pieces_of(tmp_path, text)
     assert pieces.damaged == (
         "a.nmea: 2 lines are no NMEA sentences with the right checksum and fields; the first is line 2."
     )
     assert pieces.left_out == 0
-    assert [(e.code, e.count) for e in pieces.events] == [("W_DROPPED", 1), ("I_VELOCITY_2D", 1)]
+    assert [(e.code, e.count) for e in pieces.events] == [("W_DROPPED", 1), ("I_VELOCITY_2D", 2)]
 
 
 def test_a_cut_first_and_last_line_are_left_out(tmp_path: Path) -> None:

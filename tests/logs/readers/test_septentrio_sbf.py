@@ -138,7 +138,7 @@ def test_a_rate_and_an_acceleration_of_one_instant_make_a_sample(tmp_path: Path)
     np.testing.assert_array_equal(pieces.imu.accel, [LEVEL] * 3)
     assert [(e.count, e.detail) for e in pieces.events] == [
         (3, "ExtSensorMeas, saturated, scrambled or absent: 3."),
-        (2, "ExtSensorMeas, a rate without an acceleration or the other way round: 2."),
+        (2, "ExtSensorMeas, a rate without an acceleration, the other way round, or repeated: 2."),
     ]
     assert pieces.gnss is None
 

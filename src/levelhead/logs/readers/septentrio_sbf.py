@@ -280,7 +280,9 @@ def _imu(source: Source, frames: Frames, events: list[Event]) -> tuple[ImuData |
         return None, []
     imu, alone = made[stream.name]
     if alone:
-        events.append(_left_out(alone, f"{stream.name}, a rate without an acceleration or the other way round"))
+        events.append(
+            _left_out(alone, f"{stream.name}, a rate without an acceleration, the other way round, or repeated")
+        )
     return (imu, streams) if imu.time.size > 1 else (None, [])
 
 

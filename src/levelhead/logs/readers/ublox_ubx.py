@@ -324,7 +324,10 @@ def _imu(
             events.append(_left_out(count, "ESF-INS, whose accelerations are free of gravity"))
         return None, []
     chosen = made[stream.name]
-    for count, what in ((chosen.unplaced, "samples far from any fix"), (chosen.incomplete, "readings without others")):
+    for count, what in (
+        (chosen.unplaced, "samples whose time no fix tells"),
+        (chosen.incomplete, "readings without the other axes, or repeated"),
+    ):
         if count:
             events.append(_left_out(count, f"{stream.name}, {what}"))
     speed = np.full(chosen.imu.time.size, np.nan)
