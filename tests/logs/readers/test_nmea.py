@@ -304,6 +304,35 @@ def test_damage_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
         assert log.meta["completeness"] != "complete" or odd or same, k
 
 
+def test_nonsense_with_the_right_checksum_is_marked_or_refused(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    words = (
+        "",
+        "A",
+        "N",
+        "1",
+        "9" * 30,
+        "-5",
+        "1e308",
+        "nan",
+        "235959.99",
+        "4812.5",
+        "0000",
+        "270625",
+        "W",
+        "27069999999",
+    )
+    for _ in range(200):
+        text = vtg(EAST)
+        for kind in rng.choice(["GGA", "RMC", "VTG", "GST", "ZDA", "DTM"], 5):
+            text += sentence(f"GP{kind}," + ",".join(rng.choice(words, int(rng.integers(16)))))
+        try:
+            gnss = gnss_of(tmp_path, text)
+        except LevelheadError:
+            continue
+        assert np.isfinite(gnss.time).all()
+
+
 @pytest.mark.parametrize(
     "head", [b"time,gps\n1,$GPGGA\n" * 9, b"$GPGGA,1,2*00\r\n", b"$GPGSV,1*77\r\n", b"\xd3\0" * 999, b"$,*\n" * 999]
 )

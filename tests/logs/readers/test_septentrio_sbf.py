@@ -213,6 +213,21 @@ def test_damage_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
         assert log.meta["completeness"] != "complete" or unchanged(log, clean), k
 
 
+def test_nonsense_with_the_right_crc_is_read_or_refused(tmp_path: Path) -> None:
+    rng, drive = np.random.default_rng(3), septentrio_sbf.blocks()
+    for _ in range(100):
+        content = drive[:100]
+        for number in rng.choice([4007, 4050, 5906, 5908], 20).tolist():
+            size = int(rng.choice([6, 8, 40, 64, 72, 88]))
+            noise = rng.integers(0, 256, size, dtype=np.uint8).tobytes()
+            content.insert(int(rng.integers(len(content))), septentrio_sbf.block(number, noise))
+        try:
+            pieces = pieces_of(tmp_path, b"".join(content))
+        except LevelheadError:
+            continue
+        assert pieces.damaged == ""
+
+
 @pytest.mark.parametrize("head", [b"", b"$@", b"$@\x00\x00\xa7\x0f\x08\x00", b"$@" * 9000, b"$GPGGA,1*2\r\n"])
 def test_what_only_looks_like_it_is_left_to_others(head: bytes) -> None:
     assert not READER.sniff(Path(), head)

@@ -391,6 +391,24 @@ def test_damage_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
         assert log.meta["completeness"] != "complete" or log.events or unchanged(log, clean), k
 
 
+def test_nonsense_with_the_right_checksum_is_read_or_refused(tmp_path: Path, frames: list[bytes]) -> None:
+    rng = np.random.default_rng(3)
+    kinds = (b"\x01\x07", b"\x01\x02", b"\x01\x12", b"\x01\x06", b"\x01\x14", b"\x10\x02", b"\x10\x03")
+    for _ in range(100):
+        content = frames[:200]
+        for k in rng.integers(len(kinds), size=20):
+            size = int(rng.choice([0, 3, 8, 28, 36, 52, 60, 92]))
+            body = kinds[k] + size.to_bytes(2, "little") + rng.integers(0, 256, size, dtype=np.uint8).tobytes()
+            first = np.cumsum(np.frombuffer(body, dtype=np.uint8), dtype=np.uint8)
+            frame = b"\xb5\x62" + body + bytes([first[-1], first.sum(dtype=np.uint8)])
+            content.insert(int(rng.integers(len(content))), frame)
+        try:
+            pieces = pieces_of(tmp_path, b"".join(content))
+        except LevelheadError:
+            continue
+        assert pieces.damaged == ""
+
+
 @pytest.mark.parametrize(
     "head", [b"", b"\xb5", b"\xb5\x62\x01\x07\x5c\x00", b"\xb5\x62" * 9000, b"\xd3" * 70_000, b"$GPGGA,1*2\r\n"]
 )

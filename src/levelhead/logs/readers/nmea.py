@@ -194,7 +194,7 @@ class _Epochs:
 
     def _velocities_of_vtg(self, vtg: FloatArray) -> FloatArray | None:
         """Return speeds and courses at the epochs; VTG has no time and stands before or after those that do."""
-        if not len(vtg):
+        if not len(vtg) or not self._line.size:
             return None
         after = np.searchsorted(self._line, vtg[:, 0])
         before = np.clip(after - 1, 0, self._line.size - 1)

@@ -81,7 +81,7 @@ def day_number(day: bytes, month: bytes, year: bytes) -> float:
     full += (1900 if full >= 80 else 2000) if len(year) <= 2 else 0
     try:
         return float((dt.date(full, of_year, of_month) - dt.date(1970, 1, 1)).days)
-    except ValueError:
+    except (ValueError, OverflowError):
         # A receiver that knows no date may write 000000.
         return math.nan
 
