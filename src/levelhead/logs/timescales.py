@@ -5,6 +5,10 @@ from __future__ import annotations
 import bisect
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 
 GPS_EPOCH_S: Final = 315964800.0
@@ -47,3 +51,24 @@ def between(scale: str, other: str, time: float) -> float:
     utc = time - {UTC: 0.0, JST: _JST_AHEAD_S, GPST: bisect.bisect_right(_LEAPS_GPST_S, time)}[scale]
     ahead = {UTC: 0.0, JST: _JST_AHEAD_S, GPST: bisect.bisect_right(_LEAPS_S, utc)}[other]
     return float(utc + ahead - time)
+
+
+def continued(part: FloatArray, start: FloatArray, known: NDArray[np.bool_], period: float) -> FloatArray:
+    """Return stamps that run on, of stamps that begin anew with each day or week.
+
+    Parameters
+    ----------
+    part : (n,) float64
+        Seconds of the day or week, in the order of the file.
+    start : (n,) float64
+        When the day or week began, where `known`; the other stamps follow their neighbours, and without any known the
+        first day or week begins at zero.
+    period : float
+        Its length, s.
+    """
+    running = np.unwrap(part, period=period) if part.size else part
+    if not known.any():
+        return running
+    row = np.maximum.accumulate(np.where(known, np.arange(part.size), -1))
+    row[row < 0] = int(np.argmax(known))
+    return running + (start + part - running)[row]
