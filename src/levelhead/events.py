@@ -14,6 +14,7 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "W_DAMAGED": "The file is damaged in places; what could not be read there was left out.",
     "I_SIBLING": "The GNSS data was taken from a file beside the log whose name goes with it:",
     "W_DROPPED": "Records that cannot be used were left out:",
+    "W_RECORD_TIME": "Messages without a stamp of their own were taken at the time of their recording, which is late:",
     "W_COMPENSATED": "The readings had biases taken off before they were recorded.",
     "I_VELOCITY_2D": "The receiver tells no vertical velocity: it was taken as zero, with a wide sigma.",
     "I_REORDERED": "Samples were not in the order of their time stamps, and were sorted.",

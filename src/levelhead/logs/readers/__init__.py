@@ -14,7 +14,7 @@ from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
 from levelhead.logs.pieces import FACTS, Pieces, join
-from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, rtklib_pos
+from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, mcap, ros1_bag, ros2_bag, rtklib_pos
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
@@ -28,6 +28,9 @@ READERS: Final[dict[str, Reader]] = {
         canonical_parquet.READER,
         mapped_csv.READER,
         rtklib_pos.READER,
+        ros1_bag.READER,
+        ros2_bag.READER,
+        mcap.READER,
     )
 }
 """Every format by its name, in the order in which they are tried."""
