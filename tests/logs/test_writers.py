@@ -138,7 +138,7 @@ def test_absent_velocities_among_positions_stay_absent(drive: Log, tmp_path: Pat
 
 @pytest.mark.parametrize("name", ["a.txt", "a", "a.csv.gz"])
 def test_other_suffixes_are_refused(drive: Log, tmp_path: Path, name: str) -> None:
-    with pytest.raises(UsageError, match=r"a log is written as \.csv or \.parquet"):
+    with pytest.raises(UsageError, match=r"a log is written as \.csv, \.parquet or \.mcap"):
         write(drive, tmp_path / name)
 
 

@@ -61,7 +61,7 @@ def estimate(
     rear_axle: RearAxleOption = None,
     reference_point: ReferencePointOption = None,
     corrected: Annotated[
-        Literal["parquet", "csv"] | None, typer.Option(help="Also write the log with the biases taken off.")
+        Literal["parquet", "csv", "mcap"] | None, typer.Option(help="Also write the log with the biases taken off.")
     ] = None,
 ) -> None:
     """Estimate biases, roll, pitch and heading; write summary.json, result.parquet and report.html into DIR."""
