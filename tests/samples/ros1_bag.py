@@ -18,9 +18,12 @@ def write(folder: Path) -> Path:
     return write_messages(folder / "drive.bag", MAKER.drive())
 
 
-def write_messages(path: Path, messages: Iterable[Message], compression: str | None = None) -> Path:
-    """Write messages; ``compression`` is BZ2 or LZ4."""
+def write_messages(
+    path: Path, messages: Iterable[Message], compression: str | None = None, chunk: int = 1 << 20
+) -> Path:
+    """Write messages; ``compression`` is BZ2 or LZ4, ``chunk`` the bytes after which a chunk ends."""
     writer = Writer(path)
+    writer.chunk_threshold = chunk
     if compression is not None:
         writer.set_compression(Writer.CompressionFormat[compression])
     with writer:

@@ -290,7 +290,9 @@ class _Out:
         content: ChunkArray = np.empty(int(sizes.sum()), np.uint8)
         places = np.split(begins, np.cumsum([table.size for table in tables])[:-1])
         for table, place in zip(tables, places, strict=True):
-            content[place[:, None] + np.arange(table.itemsize)] = table.view(np.uint8).reshape(table.size, -1)
+            content[place[:, None] + np.arange(table.itemsize)] = table.view(np.uint8).reshape(
+                table.size, table.itemsize
+            )
         plain = content.tobytes()
         packed = pa.compress(plain, codec=COMPRESSION, asbytes=True)
         span = int(log.min()), int(log.max())

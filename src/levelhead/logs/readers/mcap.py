@@ -9,9 +9,10 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Final
+from typing import IO, Final, NamedTuple
 
 from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source
@@ -23,7 +24,11 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 METADATA_NAME: Final = "levelhead"
 """Name of the metadata record in which levelhead says what ROS messages have no place for."""
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
-STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = 11, 12, 13, 14, 15
+ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(9, 16)
+_IN_CHUNK: Final = frozenset((SCHEMA, CHANNEL, MESSAGE))
+_IN_DATA: Final = frozenset((HEADER, FOOTER, *_IN_CHUNK, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END))
+_PRIVATE: Final = 0x80
+"""Kinds from here on are free for anybody, and skipped."""
 _FOOTER_SIZE: Final = 9 + 20 + len(MAGIC)
 _MAX_RECORD: Final = 1 << 22
 """Schemas, channels, metadata and chunk headers are shorter, bytes."""
@@ -79,12 +84,13 @@ class _Walk:
     meta: dict[str, str] | None = None
     ended: bool = False
     orphans: int = 0
+    messages: int = 0
 
     def file(self, file: IO[bytes], size: int) -> None:
         """Walk the data section from chunk to chunk, so that a broken one does not take the next with it."""
-        places = _chunk_places(file, size)
-        whole = places is not None
-        begins = [len(MAGIC), *(places or ())]
+        summary = _summary(file, size)
+        whole = summary is not None
+        begins = [len(MAGIC), *(summary.chunks if summary is not None else ())]
         for begin, end in zip(begins, [*begins[1:], size], strict=True):
             at, wrong = self._records(file, begin, end, inside=False, cut=not whole)
             if wrong and whole:
@@ -95,6 +101,9 @@ class _Walk:
             self.extent.left_out += 1
         if self.orphans:
             self.extent.damage.append(f"{self.orphans} messages belong to channels that are not in the file")
+        counted = None if summary is None else summary.messages
+        if counted not in (None, self.messages) and not self.extent.damage:
+            self.extent.damage.append(f"its summary counts {counted} messages, but it holds {self.messages}")
 
     def _records(self, stream: IO[bytes], at: int, end: int, *, inside: bool, cut: bool) -> tuple[int, str]:
         """Take the records in [at, end); return where that ended, and what is wrong there, if anything.
@@ -108,7 +117,7 @@ class _Walk:
                 return at, "a record is cut off"
             kind, length = _read_record(head)
             begin = at + 9
-            if kind == 0 or (inside and kind not in (SCHEMA, CHANNEL, MESSAGE)):
+            if kind not in (_IN_CHUNK if inside else _IN_DATA) and not (kind >= _PRIVATE and not inside):
                 return at, f"there is a record of the unknown kind {kind}"
             if kind == CHUNK:
                 self._chunk(stream, begin, length, end, cut=cut)
@@ -128,6 +137,7 @@ class _Walk:
         return at, ""
 
     def _message(self, stream: IO[bytes], length: int) -> None:
+        self.messages += 1
         channel, _, log_time, _ = _read_message(stream.read(_MESSAGE_HEADER))
         add = self.adds.get(channel)
         if add is not None:
@@ -237,8 +247,15 @@ def _checksum(file: IO[bytes], at: int, end: int) -> int:
     return crc
 
 
-def _chunk_places(file: IO[bytes], size: int) -> list[int] | None:
-    """Return where chunks begin as the index at the end has it; None where the file has no end."""
+class _Summary(NamedTuple):
+    """What the end of a file tells: where its chunks begin, and how many messages it has, if it says so."""
+
+    chunks: Sequence[int] = ()
+    messages: int | None = None
+
+
+def _summary(file: IO[bytes], size: int) -> _Summary | None:
+    """Return what the end of the file tells; None where the file has no end."""
     file.seek(max(size - _FOOTER_SIZE, 0))
     footer = file.read(_FOOTER_SIZE)
     if len(footer) < _FOOTER_SIZE or footer[:9] != struct.pack("<BQ", FOOTER, 20) or not footer.endswith(MAGIC):
@@ -246,19 +263,24 @@ def _chunk_places(file: IO[bytes], size: int) -> list[int] | None:
     at, _, crc = struct.unpack_from("<QQI", footer, 9)
     end = size - _FOOTER_SIZE
     if not len(MAGIC) < at <= end or end - at > _MAX_SUMMARY:
-        return []
+        return _Summary()
     file.seek(at)
-    summary = file.read(end - at)
-    if crc and zlib.crc32(footer[:25], zlib.crc32(summary)) != crc:
-        return []
+    content = file.read(end - at)
+    if crc and zlib.crc32(footer[:25], zlib.crc32(content)) != crc:
+        return _Summary()
     places: set[int] = set()
+    messages = None
     begin = 0
-    while begin + 9 <= len(summary):
-        kind, length = _read_record(summary[begin : begin + 9])
-        if kind == CHUNK_INDEX and 24 <= length <= len(summary) - begin - 9:
-            places.add(_read_u64(summary, begin + 25)[0])
+    while begin + 9 <= len(content):
+        kind, length = _read_record(content[begin : begin + 9])
+        if 24 <= length <= len(content) - begin - 9:
+            if kind == CHUNK_INDEX:
+                places.add(_read_u64(content, begin + 25)[0])
+            elif kind == STATISTICS:
+                messages = _read_u64(content, begin + 9)[0]
         begin += 9 + length
-    return [place for place in sorted(places) if len(MAGIC) < place < at and _is_chunk(file, place)]
+    chunks = [place for place in sorted(places) if len(MAGIC) < place < at and _is_chunk(file, place)]
+    return _Summary(chunks, messages)
 
 
 def _is_chunk(file: IO[bytes], place: int) -> bool:

@@ -80,8 +80,9 @@ class _Walk:
     topics: Topics
     extent: Extent = field(default_factory=Extent)
     adds: dict[int, Add | None] = field(default_factory=dict)
-    chunks: int = 0
     infos: int = 0
+    counted: int = 0
+    messages: int = 0
     orphans: int = 0
     searches: int = 0
     bag: dict[bytes, bytes] = field(default_factory=dict)
@@ -90,15 +91,12 @@ class _Walk:
         """Walk the records of the file itself; a place that is none is left out up to the next chunk."""
         while at < size:
             for record in _records(file, at, size):
-                at = min(record.begin + record.length, size)
-                if record.begin + record.length > size:
-                    at = record.begin
+                whole = record.begin + record.length <= size
+                if whole or record.kind == _CHUNK:
                     self._use(file, record, size)
-                    break
-                self._use(file, record, size)
-            else:
-                if at >= size:
-                    break
+                at = record.begin + record.length if whole else record.begin
+            if at == size:
+                break
             next_chunk = self._search(file, _CHUNK, at + 1, size)
             if next_chunk is None:
                 self.extent.left_out += 1
@@ -110,7 +108,6 @@ class _Walk:
     def _use(self, file: IO[bytes], record: _Record, size: int) -> None:
         """Take what one record of the file holds."""
         if record.kind == _CHUNK:
-            self.chunks += 1
             self._chunk(file, record, min(record.begin + record.length, size))
         elif record.kind == _BAG:
             self.bag = record.fields
@@ -118,6 +115,7 @@ class _Walk:
                 raise LogError(f"{self.name} is encrypted; decrypt it with the tools of ROS (rosbag decrypt).")
         elif record.kind == _CHUNK_INFO:
             self.infos += 1
+            self._count(file, record)
         else:
             self._take(file, record)
 
@@ -155,6 +153,13 @@ class _Walk:
             self.extent.broken(place, "in the chunk that begins there is no record where one should be")
             at = following
 
+    def _count(self, file: IO[bytes], record: _Record) -> None:
+        """Add up the messages that the index counts in a chunk: pairs of connection and count."""
+        if record.length <= _MAX_CONNECTION:
+            file.seek(record.begin)
+            pairs = file.read(record.length)
+            self.counted += sum(count for _, count in struct.iter_unpack("<II", pairs[: len(pairs) // 8 * 8]))
+
     def _take(self, stream: IO[bytes], record: _Record) -> None:
         """Take a connection or a message."""
         if record.kind == _CONNECTION:
@@ -162,6 +167,7 @@ class _Walk:
                 stream.seek(record.begin)
                 self._connect(record.fields, _fields(stream.read(record.length)) or {})
         elif record.kind == _MESSAGE:
+            self.messages += 1
             connection = _number(record.fields, b"conn")
             add = self.adds.get(connection)
             if add is None:
@@ -174,7 +180,10 @@ class _Walk:
 
     def _connect(self, fields: dict[bytes, bytes], data: dict[bytes, bytes]) -> None:
         number = _number(fields, b"conn")
-        if number in self.adds or b"topic" not in fields or b"type" not in data:
+        if number in self.adds:
+            return
+        if b"topic" not in fields or b"type" not in data:
+            self.extent.damage.append("the description of a topic is broken")
             return
         topic, kind, md5 = (
             text.decode(errors="replace") for text in (fields[b"topic"], data[b"type"], data.get(b"md5sum", b"*"))
@@ -200,6 +209,9 @@ class _Walk:
         missing = not closed or self.infos < _number(self.bag, b"chunk_count")
         if missing and self.extent.left_out == 0:
             self.extent.left_out = 1
+        if not missing and self.counted != self.messages and not self.extent.damage:
+            what = f"its index counts {self.counted} messages, but it holds {self.messages}"
+            self.extent.damage.append(what)
         if self.orphans:
             self.extent.damage.append(f"{self.orphans} messages belong to connections that are not in the file")
 

@@ -103,7 +103,8 @@ def _named(metadata: Path) -> list[str]:
 
 def scan(path: Path, topics: Topics) -> Extent:
     """Hand every message of the topics that are used to its taker, and return how much of the file was read."""
-    extent = Extent(left_out=int(_is_cut(path)))
+    is_cut, half = _cut(path)
+    extent = Extent(left_out=int(is_cut) + len(half))
     for suffix in ("-wal", "-journal"):
         beside = path.with_name(path.name + suffix)
         if beside.is_file() and beside.stat().st_size:
@@ -113,7 +114,9 @@ def scan(path: Path, topics: Topics) -> Extent:
     try:
         with closing(_opened(path)) as database:
             adds = _adds(database, topics, path.name)
-            for _, topic, time, data in _messages(database, adds):
+            for row, topic, time, data in _messages(database, adds):
+                if row in half:
+                    continue
                 content = data if isinstance(data, bytes) else b""
                 if content.startswith(_ZSTD_MAGIC):
                     content = unpacked(content, "zstd", MAX_MESSAGE)[0]
@@ -125,17 +128,40 @@ def scan(path: Path, topics: Topics) -> Extent:
     return extent
 
 
-def _is_cut(path: Path) -> bool:
-    """Return whether a database file is shorter than the pages that its header counts."""
+def _cut(path: Path) -> tuple[bool, frozenset[int]]:
+    """Return whether a database is shorter than its header says, and the rows that lie on a page that is not whole.
+
+    SQLite takes the missing part of such a page as zeros, so that a message there may end in wrong numbers.
+    """
     with path.open("rb") as file:
         header = file.read(100)
-    if len(header) < 100:
-        return True
-    page = int.from_bytes(header[16:18], "big")
-    pages = int.from_bytes(header[28:32], "big")
-    # Writers that do not know of the count leave these two unequal.
+        page = int.from_bytes(header[16:18], "big")
+        page = 65536 if page == 1 else max(page, 512)
+        size = path.stat().st_size
+        file.seek(size - size % page)
+        rest = file.read(page)
+    # Writers that do not know of the count of pages leave these two unequal.
     counted = header[24:28] == header[92:96]
-    return counted and pages * (65536 if page == 1 else page) > path.stat().st_size
+    short = len(header) < 100 or (counted and int.from_bytes(header[28:32], "big") * page > size)
+    return short or bool(rest), frozenset(_rows_on(rest))
+
+
+def _rows_on(page: bytes) -> Iterator[int]:
+    """Yield the numbers of the rows whose begin is on a page of a table (see SQLite's file format, 1.6)."""
+    if page[:1] != b"\x0d":
+        return
+    for k in range(int.from_bytes(page[3:5], "big")):
+        at = int.from_bytes(page[8 + 2 * k : 10 + 2 * k], "big")
+        # Two numbers of up to nine bytes, 7 bits in each but the last: the length and the row.
+        for number in range(2):
+            value = 0
+            for byte in page[at : at + 9]:
+                at += 1
+                value = value << 7 | byte & 0x7F
+                if byte < 0x80:
+                    break
+            if number == 1:
+                yield value
 
 
 def _opened(path: Path) -> sqlite3.Connection:
