@@ -100,10 +100,10 @@ class _Walk:
         if not (whole and self.ended):
             self.extent.left_out += 1
         if self.orphans:
-            self.extent.damage.append(f"{self.orphans} messages belong to channels that are not in the file")
+            self.extent.note(f"{self.orphans} messages belong to channels that are not in the file")
         counted = None if summary is None else summary.messages
         if counted not in (None, self.messages) and not self.extent.damage:
-            self.extent.damage.append(f"its summary counts {counted} messages, but it holds {self.messages}")
+            self.extent.note(f"its summary counts {counted} messages, but it holds {self.messages}")
 
     def _records(self, stream: IO[bytes], at: int, end: int, *, inside: bool, cut: bool) -> tuple[int, str]:
         """Take the records in [at, end); return where that ended, and what is wrong there, if anything.

@@ -183,7 +183,7 @@ class _Walk:
         if number in self.adds:
             return
         if b"topic" not in fields or b"type" not in data:
-            self.extent.damage.append("the description of a topic is broken")
+            self.extent.note("the description of a topic is broken")
             return
         topic, kind, md5 = (
             text.decode(errors="replace") for text in (fields[b"topic"], data[b"type"], data.get(b"md5sum", b"*"))
@@ -211,9 +211,9 @@ class _Walk:
             self.extent.left_out = 1
         if not missing and self.counted != self.messages and not self.extent.damage:
             what = f"its index counts {self.counted} messages, but it holds {self.messages}"
-            self.extent.damage.append(what)
+            self.extent.note(what)
         if self.orphans:
-            self.extent.damage.append(f"{self.orphans} messages belong to connections that are not in the file")
+            self.extent.note(f"{self.orphans} messages belong to connections that are not in the file")
 
 
 def _records(stream: IO[bytes], at: int, end: int) -> Iterator[_Record]:

@@ -80,7 +80,9 @@ def _in_order(folder: Path, extent: Extent) -> list[Path]:
     if packed:
         raise LogError(f"{folder.name}: unpack the compressed files (zstd -d {packed[0]}) and pass the result.")
     if named:
-        extent.damage += [f"the file {n[:80]} is missing" for n in named if n not in there]
+        for name in named:
+            if name not in there:
+                extent.note(f"the file {name[:80]} is missing")
         order = [there[n] for n in named if n in there]
         if not order:
             raise LogError(f"{folder.name}: none of the files that {METADATA} names is there; pass a whole folder.")
@@ -109,7 +111,7 @@ def scan(path: Path, topics: Topics) -> Extent:
         beside = path.with_name(path.name + suffix)
         if beside.is_file() and beside.stat().st_size:
             what = f"{beside.name} holds what is not yet in the file; run: sqlite3 {path.name} 'PRAGMA wal_checkpoint'"
-            extent.damage.append(what)
+            extent.note(what)
     taken = 0
     try:
         with closing(_opened(path)) as database:
@@ -124,7 +126,7 @@ def scan(path: Path, topics: Topics) -> Extent:
                 taken += 1
     except sqlite3.Error as error:
         if extent.left_out == 0:
-            extent.damage.append(f"SQLite stops after {taken} messages ({str(error)[:80]})")
+            extent.note(f"SQLite stops after {taken} messages ({str(error)[:80]})")
     return extent
 
 

@@ -26,28 +26,36 @@ class Extent:
     left_out : int
         Records that were cut off at the end; at least 1 where the end is missing.
     damage : list of str
-        What was found broken in the middle, and where.
+        What was found broken in the middle, and where; the first of `places`.
     """
 
     left_out: int = 0
     damage: list[str] = field(default_factory=list)
+    places: int = 0
+
+    def note(self, what: str) -> None:
+        """Note what is wrong with the file; of very many such places the first are kept."""
+        self.places += 1
+        if len(self.damage) < _TOLD:
+            self.damage.append(what)
 
     def broken(self, at: int, what: str) -> None:
         """Note what was found at a byte of the file."""
-        self.damage.append(f"at byte {at} {what}")
+        self.note(f"at byte {at} {what}")
 
     def add(self, other: Extent) -> None:
         """Take in the extent of a further file of the same log."""
         self.left_out += other.left_out
-        self.damage += other.damage
+        self.damage = (self.damage + other.damage)[:_TOLD]
+        self.places += other.places
 
     def sentence(self, name: str) -> str:
         """Return `Pieces.damaged`."""
         if not self.damage:
             return ""
-        more = len(self.damage) - _TOLD
+        more = self.places - len(self.damage)
         tail = f"; and {more} more places" if more > 0 else ""
-        return f"{name}: {'; '.join(self.damage[:_TOLD])}{tail}."
+        return f"{name}: {'; '.join(self.damage)}{tail}."
 
 
 def unpacked(data: bytes, compression: str, declared: int) -> tuple[bytes, str]:
