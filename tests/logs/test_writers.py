@@ -161,7 +161,7 @@ except lh.OutputError as error:
 """
 
 
-@SUFFIXES
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
 def test_a_disk_that_fills_up_leaves_the_old_log(drive: Log, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     write(drive, path)

@@ -144,7 +144,7 @@ def test_an_unreadable_file_is_a_sentence(put: Writer, monkeypatch: pytest.Monke
 
 def test_unknown_and_unsuitable_options_are_refused(put: Writer) -> None:
     imu = put("a.csv", IMU)
-    with pytest.raises(UsageError, match=r"'xml' is not known; the formats are csv, parquet, mapped-csv, rtklib-pos\."):
+    with pytest.raises(UsageError, match=r"'xml' is not known; the formats are csv, parquet, mapped-csv, rtklib-pos"):
         read(imu, format="xml")
     with pytest.raises(UsageError, match="to be read as mapped-csv; pass mapping= with a section for it"):
         read(imu, format="mapped-csv")

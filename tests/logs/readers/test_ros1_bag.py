@@ -153,6 +153,20 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
     assert time.perf_counter() - begin < 2.0
 
 
+@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+@pytest.mark.parametrize("more", [-1000, 1000])
+def test_a_chunk_that_is_not_as_long_as_it_says_is_told_of(tmp_path: Path, compression: str, more: int) -> None:
+    path = ros1_bag.write_messages(tmp_path / "drive.bag", ros1_bag.MAKER.drive(), compression)
+    whole = path.read_bytes()
+    at = whole.index(b"size=", whole.index(b"compression=")) + 5
+    (size,) = struct.unpack_from("<I", whole, at)
+    path.write_bytes(whole[:at] + struct.pack("<I", size + more) + whole[at + 4 :])
+    log = read(path)
+    assert log.meta["completeness"] == "malformed_record"
+    assert log.time.size > 1490
+    np.testing.assert_array_equal(log.gyro, sample_drive().gyro[: log.time.size])
+
+
 def test_what_is_no_such_bag_is_named(tmp_path: Path) -> None:
     path = tmp_path / "old.bag"
     path.write_bytes(b"#ROSBAG V1.2\n" + bytes(100))

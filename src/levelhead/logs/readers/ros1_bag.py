@@ -26,8 +26,8 @@ _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _MAX_HEADER: Final = 4096
 """Headers have a few fields of some bytes; the longest has a topic's name."""
 _MAX_CONNECTION: Final = 1 << 20
-_MAX_SEARCHES: Final = 1000
-"""Places that look like a record's begin and are none, after which the rest of the file is left out."""
+_MAX_SEARCHES: Final = 2000
+"""Searches for a record's begin, and places that look like one and are none, after which the rest is left out."""
 _LONGEST_BEFORE_OP: Final = 64
 
 _read_u32 = struct.Struct("<I").unpack_from
@@ -192,6 +192,9 @@ class _Walk:
 
     def _search(self, stream: IO[bytes], kind: int, at: int, end: int) -> int | None:
         """Return where the next record of a kind begins, or None."""
+        if self.searches >= _MAX_SEARCHES:
+            return None
+        self.searches += 1
         mark = b"\x04\0\0\0op=" + bytes([kind])
         found = find(stream, mark, at, end)
         while found is not None and self.searches < _MAX_SEARCHES:

@@ -107,6 +107,9 @@ def scan(path: Path, topics: Topics) -> Extent:
     """Hand every message of the topics that are used to its taker, and return how much of the file was read."""
     is_cut, half = _cut(path)
     extent = Extent(left_out=int(is_cut) + len(half))
+    if path.stat().st_size == 0:
+        # What a recorder leaves that was stopped when it had just begun a file.
+        return extent
     for suffix in ("-wal", "-journal"):
         beside = path.with_name(path.name + suffix)
         if beside.is_file() and beside.stat().st_size:

@@ -44,6 +44,8 @@ MAX_STRAY: Final = 0.01
 YEAR_2000_S: Final = 946_684_800.0
 """Stamps beyond this count from 1970; those of a simulation or of a clock that nobody set count from its start, s."""
 
+_MAX_NAME: Final = 200
+
 IMU: Final = "sensor_msgs/Imu"
 FIX: Final = "sensor_msgs/NavSatFix"
 TWISTS: Final = ("geometry_msgs/TwistWithCovarianceStamped", "geometry_msgs/TwistStamped")
@@ -92,6 +94,8 @@ class Topics:
             ROS 1's checksum of the definition, or its text, where the file has one: checked.
         """
         kind = plain_type(kind)
+        # What a file calls its topics goes to terminals and pages.
+        topic = "".join(c if c.isprintable() else "?" for c in topic[:_MAX_NAME])
         layout = LAYOUTS.get(kind)
         if layout is None or (kind == IMU and self.source.role == "gnss") or not _may_be_used(topic, kind):
             return None
