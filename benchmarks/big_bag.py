@@ -126,12 +126,15 @@ def main() -> None:
             if shutil.disk_usage(name).free < 2e9 + 1.2e9 * gigabytes:
                 print(f"{make.__name__}: not enough free space in {name}; set TMPDIR")
                 continue
-            path = make(Path(name), gigabytes)
-            for label, code in (("levelhead", READ), ("rosbags", DECODE)):
+            path, shown = make(Path(name), gigabytes), {}
+            # The first round finds the file half on the disk; of each reader the second is shown.
+            for label, code in (("levelhead", READ), ("rosbags", DECODE)) * 2:
                 done = subprocess.run(
                     [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=False
                 )
                 said = done.stdout.rstrip() or done.stderr.splitlines()[-1]
+                shown[label] = said
+            for label, said in shown.items():
                 print(f"{make.__name__:14s}{label:12s}{said}", flush=True)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin
 
 from levelhead.errors import LogError
 from levelhead.logs import mcap_writer
@@ -143,7 +144,7 @@ def test_of_a_cut_chunk_the_beginning_is_used(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:300_000])
     log = read(path)
     assert log.meta["completeness"] == "truncated"
-    assert 700 < log.time.size < 900  # an IMU message has 359 bytes
+    assert 700 < log.time.size < 900  # an IMU message has 355 bytes, a fix 150
     np.testing.assert_array_equal(log.gyro, sample_drive().gyro[: log.time.size])
 
 
@@ -166,6 +167,21 @@ def test_mutated_files_with_an_index_lose_little(tmp_path: Path, monkeypatch: py
         kept.append(0 if log is None else log.time.size)
     # Bytes put in or taken out (half of the cases) move all that follows away from where the index has it.
     assert sum(n >= 1500 - 4 * 100 for n in kept) > 40
+
+
+def test_a_message_that_went_to_another_topic_is_missed(tmp_path: Path) -> None:
+    # The library writes no checksums, but counts.
+    folder = ros2_bag.write_messages(tmp_path / "drive", ros2_bag.MAKER.drive(), StoragePlugin.MCAP)
+    path = folder / "drive.mcap"
+    whole = path.read_bytes()
+    chatter = whole.index(b"/chatter") - 8
+    # An IMU message has 324 bytes behind the 22 of its record.
+    at = whole.index(struct.pack("<BQH", reader.MESSAGE, 22 + 324, 1), len(whole) // 2) + 9
+    path.write_bytes(whole[:at] + whole[chatter : chatter + 2] + whole[at + 2 :])
+    log = read(path)
+    assert log.time.size == 1499
+    assert log.meta["completeness"] == "malformed_record"
+    assert any("its summary counts 1950 messages" in event.text for event in log.events)
 
 
 @pytest.mark.parametrize("size", [2**40, 2**62, 200_000_000])

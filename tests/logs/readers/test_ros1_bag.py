@@ -153,6 +153,20 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
     assert time.perf_counter() - begin < 2.0
 
 
+def test_a_message_that_went_to_another_topic_is_missed(tmp_path: Path) -> None:
+    path = ros1_bag.write(tmp_path)
+    whole = path.read_bytes()
+    topics = {t: whole.rindex(b"topic=" + t) for t in (b"/imu/data", b"/chatter")}
+    imu, chatter = (whole.rindex(b"conn=", 0, at) + 5 for at in topics.values())
+    message = whole.index(b"op=\x02")
+    at = whole.rindex(b"conn=" + whole[imu : imu + 4], 0, message + 60) + 5
+    path.write_bytes(whole[:at] + whole[chatter : chatter + 4] + whole[at + 4 :])
+    log = read(path)
+    assert log.time.size == 1499
+    assert log.meta["completeness"] == "malformed_record"
+    assert any("its index counts 1950 messages" in event.text for event in log.events)
+
+
 @pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
 @pytest.mark.parametrize("more", [-1000, 1000])
 def test_a_chunk_that_is_not_as_long_as_it_says_is_told_of(tmp_path: Path, compression: str, more: int) -> None:

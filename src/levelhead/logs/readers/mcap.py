@@ -9,10 +9,11 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Final, NamedTuple
+from typing import IO, Final
 
 from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source
@@ -84,7 +85,7 @@ class _Walk:
     meta: dict[str, str] | None = None
     ended: bool = False
     orphans: int = 0
-    messages: int = 0
+    counts: Counter[int] = field(default_factory=Counter)
 
     def file(self, file: IO[bytes], size: int) -> None:
         """Walk the data section from chunk to chunk, so that a broken one does not take the next with it."""
@@ -101,9 +102,9 @@ class _Walk:
             self.extent.left_out += 1
         if self.orphans:
             self.extent.note(f"{self.orphans} messages belong to channels that are not in the file")
-        counted = None if summary is None else summary.messages
-        if counted not in (None, self.messages) and not self.extent.damage:
-            self.extent.note(f"its summary counts {counted} messages, but it holds {self.messages}")
+        if summary is not None and summary.counts and summary.counts != self.counts and not self.extent.damage:
+            counted, have = summary.counts.total(), self.counts.total()
+            self.extent.note(f"its summary counts {counted} messages, otherwise over the topics than the {have} found")
 
     def _records(self, stream: IO[bytes], at: int, end: int, *, inside: bool, cut: bool) -> tuple[int, str]:
         """Take the records in [at, end); return where that ended, and what is wrong there, if anything.
@@ -137,8 +138,8 @@ class _Walk:
         return at, ""
 
     def _message(self, stream: IO[bytes], length: int) -> None:
-        self.messages += 1
         channel, _, log_time, _ = _read_message(stream.read(_MESSAGE_HEADER))
+        self.counts[channel] += 1
         add = self.adds.get(channel)
         if add is not None:
             # A message that is too long counts as one that is not whole.
@@ -247,11 +248,12 @@ def _checksum(file: IO[bytes], at: int, end: int) -> int:
     return crc
 
 
-class _Summary(NamedTuple):
-    """What the end of a file tells: where its chunks begin, and how many messages it has, if it says so."""
+@dataclass(frozen=True)
+class _Summary:
+    """What the end of a file tells: where its chunks begin, and its messages by channel, if it says so."""
 
     chunks: Sequence[int] = ()
-    messages: int | None = None
+    counts: Counter[int] = field(default_factory=Counter)
 
 
 def _summary(file: IO[bytes], size: int) -> _Summary | None:
@@ -269,7 +271,7 @@ def _summary(file: IO[bytes], size: int) -> _Summary | None:
     if crc and zlib.crc32(footer[:25], zlib.crc32(content)) != crc:
         return _Summary()
     places: set[int] = set()
-    messages = None
+    counts: Counter[int] = Counter()
     begin = 0
     while begin + 9 <= len(content):
         kind, length = _read_record(content[begin : begin + 9])
@@ -277,10 +279,12 @@ def _summary(file: IO[bytes], size: int) -> _Summary | None:
             if kind == CHUNK_INDEX:
                 places.add(_read_u64(content, begin + 25)[0])
             elif kind == STATISTICS:
-                messages = _read_u64(content, begin + 9)[0]
+                # Behind 42 bytes of other numbers and a length.
+                pairs = content[begin + 9 + 46 : begin + 9 + length]
+                counts = Counter(dict(struct.iter_unpack("<HQ", pairs[: len(pairs) // 10 * 10])))
         begin += 9 + length
     chunks = [place for place in sorted(places) if len(MAGIC) < place < at and _is_chunk(file, place)]
-    return _Summary(chunks, messages)
+    return _Summary(chunks, counts)
 
 
 def _is_chunk(file: IO[bytes], place: int) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -81,8 +82,8 @@ class _Walk:
     extent: Extent = field(default_factory=Extent)
     adds: dict[int, Add | None] = field(default_factory=dict)
     infos: int = 0
-    counted: int = 0
-    messages: int = 0
+    counted: Counter[int] = field(default_factory=Counter)
+    counts: Counter[int] = field(default_factory=Counter)
     orphans: int = 0
     searches: int = 0
     bag: dict[bytes, bytes] = field(default_factory=dict)
@@ -158,7 +159,8 @@ class _Walk:
         if record.length <= _MAX_CONNECTION:
             file.seek(record.begin)
             pairs = file.read(record.length)
-            self.counted += sum(count for _, count in struct.iter_unpack("<II", pairs[: len(pairs) // 8 * 8]))
+            for connection, count in struct.iter_unpack("<II", pairs[: len(pairs) // 8 * 8]):
+                self.counted[connection] += count
 
     def _take(self, stream: IO[bytes], record: _Record) -> None:
         """Take a connection or a message."""
@@ -167,8 +169,8 @@ class _Walk:
                 stream.seek(record.begin)
                 self._connect(record.fields, _fields(stream.read(record.length)) or {})
         elif record.kind == _MESSAGE:
-            self.messages += 1
             connection = _number(record.fields, b"conn")
+            self.counts[connection] += 1
             add = self.adds.get(connection)
             if add is None:
                 self.orphans += connection not in self.adds
@@ -212,9 +214,9 @@ class _Walk:
         missing = not closed or self.infos < _number(self.bag, b"chunk_count")
         if missing and self.extent.left_out == 0:
             self.extent.left_out = 1
-        if not missing and self.counted != self.messages and not self.extent.damage:
-            what = f"its index counts {self.counted} messages, but it holds {self.messages}"
-            self.extent.note(what)
+        if not missing and self.counted != self.counts and not self.extent.damage:
+            counted, have = self.counted.total(), self.counts.total()
+            self.extent.note(f"its index counts {counted} messages, otherwise over the topics than the {have} found")
         if self.orphans:
             self.extent.note(f"{self.orphans} messages belong to connections that are not in the file")
 
