@@ -16,7 +16,7 @@ from levelhead.logs import mcap_writer
 from levelhead.logs.readers import mcap as reader
 from levelhead.logs.readers import read
 from levelhead.logs.writers import write
-from samples import mcap, ros2_bag
+from samples import mcap, ros1_bag, ros2_bag
 from samples.drive import sample_drive
 from samples.hostile import cuts, mutations, read_or_refusal
 from samples.ros_drive import assert_is_the_drive
@@ -40,21 +40,26 @@ def record(kind: int, content: bytes) -> bytes:
     return struct.pack("<BQ", kind, len(content)) + content
 
 
-def rewritten(tmp_path: Path, compression: str, *, crc: int | None = None, end: bool = True) -> Path:
-    """Write the sample's messages in one chunk, or in none, without an index."""
+def rewritten(
+    tmp_path: Path, compression: str, *, crc: int | None = None, end: bool = True, ros1: bool = False
+) -> Path:
+    """Write the sample's messages in one chunk, or in none, without an index; ``ros1``: as a converted bag has them."""
+    maker = ros1_bag.MAKER if ros1 else ros2_bag.MAKER
+    serialize = maker.store.serialize_ros1 if ros1 else maker.store.serialize_cdr
     content = [record(reader.HEADER, struct.pack("<I4sI", 4, b"ros2", 0))]
     for number, (topic, kind) in enumerate({"/imu/data": "Imu", "/gps/fix": "NavSatFix"}.items(), 1):
-        name = f"sensor_msgs/msg/{kind}"
-        definition = ros2_bag.MAKER.store.generate_msgdef(name, ros_version=2)[0]
-        texts = b"".join(struct.pack("<I", len(t)) + t.encode() for t in (name, "ros2msg", definition))
+        name = f"sensor_msgs/{kind}" if ros1 else f"sensor_msgs/msg/{kind}"
+        definition = maker.store.generate_msgdef(f"sensor_msgs/msg/{kind}", ros_version=1 if ros1 else 2)[0]
+        schema = (name, "ros1msg" if ros1 else "ros2msg", definition)
+        texts = b"".join(struct.pack("<I", len(t)) + t.encode() for t in schema)
         content.append(record(reader.SCHEMA, struct.pack("<H", number) + texts))
-        texts = b"".join(struct.pack("<I", len(t)) + t.encode() for t in (topic, "cdr"))
+        texts = b"".join(struct.pack("<I", len(t)) + t.encode() for t in (topic, "ros1" if ros1 else "cdr"))
         content.append(record(reader.CHANNEL, struct.pack("<HH", number, number) + texts + bytes(4)))
     messages = []
-    for topic, kind, record_ns, message in ros2_bag.MAKER.drive():
+    for topic, kind, record_ns, message in maker.drive():
         if topic in ("/imu/data", "/gps/fix"):
             head = struct.pack("<HIQQ", 1 if topic == "/imu/data" else 2, 0, record_ns, record_ns)
-            messages.append(record(reader.MESSAGE, head + bytes(ros2_bag.MAKER.store.serialize_cdr(message, kind))))
+            messages.append(record(reader.MESSAGE, head + bytes(serialize(message, kind))))
     plain = b"".join(messages)
     if compression == "no chunk":
         content.append(plain)
@@ -81,6 +86,13 @@ def test_chunks_of_each_kind_and_none_are_read(tmp_path: Path, compression: str)
     assert log.meta["completeness"] == "complete"
 
 
+def test_a_converted_bag_of_ros_1_is_read(tmp_path: Path) -> None:
+    log = read(rewritten(tmp_path, "lz4", ros1=True))
+    np.testing.assert_array_equal(log.gyro, sample_drive().gyro)
+    assert log.gnss_time.size == 150
+    assert log.meta["completeness"] == "complete"
+
+
 @pytest.mark.parametrize("compression", ["no chunk", "", "lz4", "zstd"])
 def test_a_file_without_its_end_is_read_and_marked(tmp_path: Path, compression: str) -> None:
     log = read(rewritten(tmp_path, compression, end=False))
@@ -90,7 +102,7 @@ def test_a_file_without_its_end_is_read_and_marked(tmp_path: Path, compression: 
 
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
 def test_a_chunk_with_a_wrong_checksum_is_not_used(tmp_path: Path, compression: str) -> None:
-    with pytest.raises(LogError, match=r"drive\.mcap has no messages"):
+    with pytest.raises(LogError, match=r"drive\.mcap has no messages .* damaged: .* the checksum of a chunk is wrong"):
         read(rewritten(tmp_path, compression, crc=1))
     # Zero is a checksum that was not taken.
     assert read(rewritten(tmp_path, compression, crc=0)).time.size == 1500

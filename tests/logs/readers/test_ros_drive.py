@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,15 @@ def test_an_imu_topic_without_rates_is_none(bag: Bag) -> None:
     assert "/camera/accel: messages without angular rate or without acceleration (500)" in dropped(log)
     # -1 alone does not make readings absent: many drivers write it though they have them.
     assert read(bag(imu(absent=-1.0), fixes())).time.size == 100
+
+
+def test_a_broken_number_is_left_out_without_a_word_from_numpy(bag: Bag) -> None:
+    path = bag(imu(), fixes())
+    signalling = bytes.fromhex("01000000 0000f07f")
+    path.write_bytes(path.read_bytes().replace(struct.pack("<d", ACCEL[2]), signalling, 1))
+    log = read(path)
+    assert log.time.size == 99
+    assert [e.code for e in log.events] == ["E_NONFINITE"]
 
 
 def test_wheel_odometry_goes_to_the_nearest_samples(bag: Bag) -> None:

@@ -18,7 +18,7 @@ from typing import IO, Final
 from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.ros_drive import Add, Topics, pieces
-from levelhead.logs.readers.ros_files import MAX_CHUNK, Extent, unpacked, with_extent
+from levelhead.logs.readers.ros_files import MAX_CHUNK, Extent, unpacked
 from levelhead.logs.readers.ros_messages import MAX_MESSAGE
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -54,7 +54,7 @@ def read(source: Source) -> Pieces:
     """
     topics = Topics(source)
     extent, meta = scan(source.path, topics)
-    return with_extent(pieces(topics, meta), extent, source.path.name)
+    return pieces(topics, extent, meta)
 
 
 def scan(path: Path, topics: Topics) -> tuple[Extent, dict[str, str] | None]:

@@ -18,7 +18,7 @@ from levelhead.errors import LogError
 from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.ros_drive import Add, Topics, pieces
-from levelhead.logs.readers.ros_files import MAX_CHUNK, Extent, find, unpacked, with_extent
+from levelhead.logs.readers.ros_files import MAX_CHUNK, Extent, find, unpacked
 from levelhead.logs.readers.ros_messages import MAX_MESSAGE
 
 _MAGIC: Final = b"#ROSBAG V2.0\n"
@@ -58,8 +58,7 @@ def read(source: Source) -> Pieces:
         On bags of another version, encrypted ones, and those without topics that can be used.
     """
     topics = Topics(source)
-    extent = scan(source.path, topics)
-    return with_extent(pieces(topics), extent, source.path.name)
+    return pieces(topics, scan(source.path, topics))
 
 
 def scan(path: Path, topics: Topics) -> Extent:

@@ -19,7 +19,7 @@ from levelhead.logs.pieces import Pieces
 from levelhead.logs.readers import mcap
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.ros_drive import Add, Topics, pieces
-from levelhead.logs.readers.ros_files import Extent, unpacked, with_extent
+from levelhead.logs.readers.ros_files import Extent, unpacked
 from levelhead.logs.readers.ros_messages import MAX_MESSAGE
 
 METADATA: Final = "metadata.yaml"
@@ -48,7 +48,7 @@ def read(source: Source) -> Pieces:
     LogError
         On files that are compressed as a whole, on what is no bag, and where there are no topics that can be used.
     """
-    path, name = source.path, source.path.name
+    path = source.path
     topics, extent = Topics(source), Extent()
     meta = None
     for storage in _in_order(path, extent) if path.is_dir() else [path]:
@@ -57,7 +57,7 @@ def read(source: Source) -> Pieces:
             extent.add(of_file)
         else:
             extent.add(scan(storage, topics))
-    return with_extent(pieces(topics, meta), extent, name)
+    return pieces(topics, extent, meta)
 
 
 def _storages(folder: Path) -> list[Path]:

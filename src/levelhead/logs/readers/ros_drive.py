@@ -20,6 +20,7 @@ from levelhead.events import Event
 from levelhead.logs.datum import DATUM_KEY, ELLIPSOIDAL, HEIGHT_KEY, WGS84, declared
 from levelhead.logs.pieces import Fact, GnssData, ImuData, Pieces, Stream, none_if_absent
 from levelhead.logs.readers.base import Source, choose
+from levelhead.logs.readers.ros_files import Extent
 from levelhead.logs.readers.ros_messages import (
     LAYOUTS,
     Encoding,
@@ -129,13 +130,17 @@ def _as_declared(layout: Layout, md5: str | None, definition: str | None) -> boo
     return definition is None or has_layout(definition, layout)
 
 
-def pieces(topics: Topics, meta: Mapping[str, str] | None = None) -> Pieces:
+# What a damaged file holds may be no number at all.
+@np.errstate(invalid="ignore", over="ignore")
+def pieces(topics: Topics, extent: Extent, meta: Mapping[str, str] | None = None) -> Pieces:
     """Return the IMU data and GNSS data among the topics of a recording.
 
     Parameters
     ----------
     topics : Topics
         All messages of the recording.
+    extent : Extent
+        How much of it was read.
     meta : mapping, optional
         What levelhead itself wrote into the file (see `levelhead.logs.mcap_writer`): axes and frames are then known.
 
@@ -155,7 +160,9 @@ def pieces(topics: Topics, meta: Mapping[str, str] | None = None) -> Pieces:
     imu = choose(_measured_first(imus, source.imu), source.imu, name=name)
     gnss = choose(_measured_first(streams, source.gnss), source.gnss, name=name)
     if imu is None and gnss is None:
-        reasons = "".join(f" {r}." for r in topics.refused)
+        reasons = "".join(f" {r[:1].upper()}{r[1:]}." for r in topics.refused)
+        if extent.places or extent.left_out:
+            reasons += f" The file is damaged: {extent.sentence(name) or 'its end is missing.'}"
         raise LogError(
             f"{name} has no messages of the types {IMU} or {FIX} that can be used.{reasons} Record the topics of IMU "
             "and receiver."
@@ -174,6 +181,8 @@ def pieces(topics: Topics, meta: Mapping[str, str] | None = None) -> Pieces:
         streams=(*imus, *streams),
         compensated=_compensated(meta or {}),
         undeclared=tuple(undeclared),
+        left_out=extent.left_out,
+        damaged=extent.sentence(name),
     )
 
 

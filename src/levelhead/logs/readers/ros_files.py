@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import IO, Final
-
-from levelhead.logs.pieces import Pieces
 
 MAX_CHUNK: Final = 1 << 28
 """A chunk that says it is larger when unpacked is not unpacked, bytes. Recorders make them of 0.8 to 4 MB."""
@@ -129,8 +127,3 @@ def find(file: IO[bytes], mark: bytes, at: int, end: int) -> int | None:
             return None
         at += len(block) - len(mark) + 1
     return None
-
-
-def with_extent(pieces: Pieces, extent: Extent, name: str) -> Pieces:
-    """Return pieces that say how much of their file was read."""
-    return replace(pieces, left_out=extent.left_out, damaged=extent.sentence(name))
