@@ -16,6 +16,7 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "W_DROPPED": "Records that cannot be used were left out:",
     "W_LOGGER_DROPOUT": "The recorder could not keep up and lost data:",
     "W_CALIBRATION_CHANGED": "The autopilot changed its calibration during the log, and the biases with it:",
+    "W_RECORD_TIME": "Messages without a stamp of their own were taken at the time of their recording, which is late:",
     "W_COMPENSATED": "The readings had biases taken off before they were recorded.",
     "I_VELOCITY_2D": "The receiver tells no vertical velocity: it was taken as zero, with a wide sigma.",
     "I_DECIMATED": "An INS tells its velocity with every IMU sample; only some of these were taken as GNSS epochs:",

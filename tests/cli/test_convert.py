@@ -95,7 +95,11 @@ def test_a_pos_file_of_a_log_is_gnss_data_again(folder: Path, tmp_path: Path) ->
 
 
 BAD = [
-    (["drive.parquet", "-o", "a.gpx"], 2, "a log is written as .csv or .parquet, a track as .kml, .geojson, .pos."),
+    (
+        ["drive.parquet", "-o", "a.gpx"],
+        2,
+        "a log is written as .csv, .parquet, .mcap, a track as .kml, .geojson, .pos.",
+    ),
     (["nowhere.csv", "-o", "a.kml"], 3, "nowhere.csv has no GNSS positions, so that there is no track to write"),
     (["out/result.parquet", "-o", "a.csv"], 2, "result.parquet is a result, not a log; it becomes a track"),
     (["out/result.parquet", "-o", "a.parquet"], 2, "result.parquet is a result, not a log; it becomes a track"),

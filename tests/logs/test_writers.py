@@ -138,7 +138,7 @@ def test_absent_velocities_among_positions_stay_absent(drive: Log, tmp_path: Pat
 
 @pytest.mark.parametrize("name", ["a.txt", "a", "a.csv.gz"])
 def test_other_suffixes_are_refused(drive: Log, tmp_path: Path, name: str) -> None:
-    with pytest.raises(UsageError, match=r"a log is written as \.csv or \.parquet"):
+    with pytest.raises(UsageError, match=r"a log is written as \.csv, \.parquet or \.mcap"):
         write(drive, tmp_path / name)
 
 
@@ -161,7 +161,7 @@ except lh.OutputError as error:
 """
 
 
-@SUFFIXES
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
 def test_a_disk_that_fills_up_leaves_the_old_log(drive: Log, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     write(drive, path)

@@ -1,4 +1,4 @@
-"""`levelhead convert`: any readable log to the canonical CSV or Parquet, or a track for other programs."""
+"""`levelhead convert`: any readable log to the canonical CSV or Parquet or to MCAP, or a track for other programs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def convert(
             "-o",
             "--output",
             metavar="FILE",
-            help="Log to write: .parquet or .csv. Or track: .kml, .geojson or .pos (RTKLIB).",
+            help="Log to write: .parquet, .csv or .mcap (ROS 2). Or track: .kml, .geojson or .pos (RTKLIB).",
         ),
     ],
     gnss: GnssOption = None,
@@ -47,10 +47,10 @@ def convert(
         ),
     ] = None,
 ) -> None:
-    """Convert a log to the canonical CSV or Parquet, or a log or result.parquet to a KML, GeoJSON or RTKLIB track."""
+    """Convert a log to canonical CSV, Parquet or MCAP, or a log or result.parquet to a KML, GeoJSON or RTKLIB track."""
     if output.suffix not in (*SUFFIXES, *TRACK_WRITERS):
         raise UsageError(
-            f"{output.name} has the suffix {output.suffix!r}; a log is written as {' or '.join(SUFFIXES)}, a track as "
+            f"{output.name} has the suffix {output.suffix!r}; a log is written as {', '.join(SUFFIXES)}, a track as "
             f"{', '.join(TRACK_WRITERS)}."
         )
     if is_result(source):

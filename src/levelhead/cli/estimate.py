@@ -93,7 +93,7 @@ def estimate(
     rear_axle: RearAxleOption = None,
     reference_point: ReferencePointOption = None,
     corrected: Annotated[
-        Literal["parquet", "csv"] | None, typer.Option(help="Also write the log with the biases taken off.")
+        Literal["parquet", "csv", "mcap"] | None, typer.Option(help="Also write the log with the biases taken off.")
     ] = None,
     preflight: PreflightOption = True,
     axes: AxesOption = None,
