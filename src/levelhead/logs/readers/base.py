@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from levelhead.conventions import FloatArray
-from levelhead.errors import LogError, UsageError
+from levelhead.errors import LogError
 from levelhead.logs.mapping import GnssMapping, ImuMapping
 from levelhead.logs.pieces import Pieces, Stream
 
@@ -74,33 +73,6 @@ class Table:
     columns: Mapping[str, FloatArray]
     where: Callable[[int], str]
     left_out: int = 0
-
-
-def need(module: str, *, extra: str, title: str) -> Any:
-    """Import a library that only one format needs.
-
-    Parameters
-    ----------
-    module : str
-        Its name for ``import``.
-    extra : str
-        The extra of this package that installs it.
-    title : str
-        What cannot be read without it, for the error.
-
-    Raises
-    ------
-    UsageError
-        When it is not installed.
-    """
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0] != module.split(".")[0]:
-            raise
-        raise UsageError(
-            f"Reading {title} needs the package {module.split('.')[0]}: pip install 'levelhead[{extra}]'."
-        ) from None
 
 
 def choose(streams: Sequence[Stream], wanted: str | None, *, name: str) -> Stream | None:
