@@ -45,7 +45,7 @@ def _driving(motion: Motion) -> Finding:
     course = np.arctan2(motion.velocity[:, 1], motion.velocity[:, 0])
     turn = np.diff(course)
     turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
-    width = max(1, round(1.0 / float(np.median(duration))))
+    width = min(duration.size, max(1, round(1.0 / float(np.median(duration)))))
     smooth = np.ones(width) / width
     rate = np.convolve(np.where(speed > MIN_SPEED, turn / duration, 0.0), smooth, mode="same")
     push = np.convolve(np.diff(motion.speed) / duration, smooth, mode="same")

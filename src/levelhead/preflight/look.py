@@ -121,7 +121,8 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
             gyro_bias=_gyro_bias(increments, up, turns if told_by_turns else None),
             offset_s=turns.offset_s if turns is not None and told_by_turns else 0.0,
         )
-        known = by_positions or frame_told or log.velocity_ned is None
+        flat = not np.any(motion.velocity[:, 2])  # speed and course: a frame that nobody can have got wrong
+        known = by_positions or frame_told or flat or log.velocity_ned is None
         possible = {"NED": 0.0} if known else {name: behind.get(name, 0.0) for name in VELOCITY_FRAMES}
         frames = find_frames(windows, increments, motion, units, velocity_frames=possible)
     if frames is not None:
@@ -155,7 +156,8 @@ def motion_of(log: Log) -> Motion:
         raise LogError("The log has fewer than two GNSS velocities; nothing can be found in it.")
     velocity = data.velocity_ned[whole]
     found = _velocity_noise(velocity)
-    told = data.velocity_std
+    # Positions wander together, so that their differences are far better than their own sigmas say.
+    told = data.velocity_std if log.velocity_ned is not None else None
     rows = np.full((data.gnss_time.size, 3), np.nan)
     if told is not None:
         rows = np.repeat(told[:, None], 3, axis=1) if told.ndim == 1 else told

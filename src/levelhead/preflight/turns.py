@@ -18,7 +18,7 @@ MAX_CHANGES: Final = 4000
 """Course changes that are used at most, those with the most turning."""
 LAG_S: Final = 2.0
 """Course changes are taken over about this time, s: long enough to stand out of the noise, short against drift."""
-MIN_SPEED: Final = 1.0
+MIN_SPEED: Final = 0.5
 """Below this speed a course is not taken, m/s."""
 MAX_COURSE_STD: Final = np.radians(15.0)
 MIN_CHANGES: Final = 10

@@ -158,7 +158,7 @@ def read(
         meta = {**gnss_pieces.meta, **meta, "gnss_source": gnss_path.name, "gnss_format": gnss_reader.name}
         parts[gnss_path.name] = gnss_pieces
     if gnss_data is None:
-        raise LogError(f"{main.name} holds no GNSS data; pass the file that does as gnss=.")
+        raise LogError(f"{main.name} ({reader.title}) holds no GNSS data; pass the file that does as gnss=.")
     meta |= _known(tuple(parts.values()))
     try:
         return join(pieces.imu, gnss_data, from_zero=pieces.from_zero, meta=meta, events=(*found, *_events_of(parts)))
