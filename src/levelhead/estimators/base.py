@@ -223,7 +223,7 @@ class Result:
 
         # What the log's preflight found stands beside the log, not in it.
         log = dict(self.log_info)
-        latency, mounting = log.pop("latency_s", None), log.pop("mounting_deg", None)
+        latency, mounting, preflight = (log.pop(name, None) for name in ("latency_s", "mounting_deg", "preflight"))
         angles: Mapping[str, object] = mounting if isinstance(mounting, Mapping) else {}
 
         def masked(row: FloatArray, flags: tuple[bool, bool, bool], scale: float = 1.0) -> list[float | None]:
@@ -242,6 +242,7 @@ class Result:
             "settled_at_s": dict(self.settled_at_s),
             "mounting": {f"{name}_deg": angles.get(name) for name in ("yaw", "roll", "pitch")},
             "latency_s": latency,
+            "preflight": preflight,
             "navigation": navigation_summary(self),
             "events": [event.as_dict() for event in self.events],
             "runtime_s": dict(self.runtime_s),

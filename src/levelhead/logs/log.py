@@ -241,10 +241,10 @@ class Log:
         dict
             ``source``, ``format``, ``completeness``, ``duration_s``, ``imu_rate_hz``, ``gnss_rate_hz``
             (medians; None where there are fewer than two epochs) and ``distance_m``; and what of ``epoch``,
-            ``gnss_time_scale``, ``datum`` and ``height`` is known; and ``latency_s`` and ``mounting_deg`` where they
-            are, which `Result.summary` shows beside it.
+            ``gnss_time_scale``, ``datum`` and ``height`` is known; and ``latency_s``, ``mounting_deg`` and
+            ``preflight`` where they are, which `Result.summary` shows beside it.
         """
-        facts = ("epoch", "gnss_time_scale", "datum", "height", "latency_s", "mounting_deg")
+        facts = ("epoch", "gnss_time_scale", "datum", "height", "latency_s", "mounting_deg", "preflight")
         known = {name: self.meta[name] for name in facts if name in self.meta}
         return {
             "source": self.meta.get("source"),

@@ -166,6 +166,12 @@ def _together(first: Corrections, second: Corrections) -> Corrections:
     )
 
 
+def _told(finding: Finding) -> str:
+    """Return what an event says of a finding."""
+    put_right = finding.verdict is Verdict.CORRECTED and not finding.text.endswith("taken off.")
+    return f"{finding.text} Put right." if put_right else finding.text
+
+
 def _as_read(log: Log) -> FloatArray:
     """Return the rotation from the file's axes to those in which the reader gave the readings."""
     dcm = log.meta.get("dcm_file_to_body")
@@ -175,7 +181,7 @@ def _as_read(log: Log) -> FloatArray:
 def _marked(log: Log, findings: tuple[Finding, ...], fix: Corrections) -> Log:
     """Return the log with what was found in its meta and its events."""
     events = [
-        Event(code=f.code, count=1, detail=f.text)
+        Event(code=f.code, count=1, detail=_told(f))
         for f in findings
         if f.code and f.verdict not in (Verdict.FINE, Verdict.UNDECIDED) and f.code != "W_COMPENSATED"
     ]

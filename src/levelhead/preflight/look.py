@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -27,12 +27,14 @@ UNIT_TOLERANCE: Final = 0.2
 """A unit is found where what it should give is met within this (natural logarithm): scale errors are far smaller, units
 differ by far more."""
 BLOCK_S: Final = 1.0
-MIN_TURN_SCALE: Final = 8.0
-"""Sigmas that the scale of the gyros must be away from zero to tell their unit."""
-MIN_EXPLAINED: Final = 0.5
-"""Share of the course changes that the gyros must explain to tell anything."""
 MARGIN_S: Final = 1.6
 """IMU data that must lie around a window, s: as far as clocks may be apart."""
+MIN_SIGMA: Final = 0.02
+"""No velocity is believed to better than this, m/s."""
+CLEAN: Final = 0.05
+"""Noise of derived velocities, as a share of the speed, above which they are taken over longer steps..."""
+MAX_STEP_S: Final = 2.0
+"""...but not over longer ones than this, s."""
 CLEAR_LEVER: Final = 6.0
 CLEAR_LEVER_M: Final = 0.5
 """A lever arm that nobody told is believed where it is so many sigmas and so many metres from zero."""
@@ -108,18 +110,15 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
     norm, coherence, up = _gravity(increments)
     accel_unit = nearest_unit(GRAVITY / norm, UNIT_FACTORS["m/s^2"]) if norm > 0.0 else None
     turns = compare_turns(increments, motion, up)
-    told_by_turns = (
-        turns is not None and abs(turns.scale) > MIN_TURN_SCALE * turns.scale_std and turns.explained > MIN_EXPLAINED
-    )
-    gyro_unit = nearest_unit(abs(turns.scale), UNIT_FACTORS["rad/s"]) if turns is not None and told_by_turns else None
+    gyro_unit = None if turns is None else nearest_unit(abs(turns.scale), UNIT_FACTORS["rad/s"])
     windows = choose_windows(log.time, motion, margin=MARGIN_S)
     frames, alignment, mounting, lever_found = None, None, None, False
     if windows.start.size and accel_unit is not None and coherence > 0.5:
         units = Units(
             gyro=UNIT_FACTORS["rad/s"][gyro_unit or "rad/s"],
             accel=UNIT_FACTORS["m/s^2"][accel_unit],
-            gyro_bias=_gyro_bias(increments, up, turns if told_by_turns else None),
-            offset_s=turns.offset_s if turns is not None and told_by_turns else 0.0,
+            gyro_bias=_gyro_bias(increments, up, turns),
+            offset_s=0.0 if turns is None else turns.offset_s,
         )
         flat = not np.any(motion.velocity[:, 2])  # speed and course: a frame that nobody can have got wrong
         known = by_positions or frame_told or flat or log.velocity_ned is None
@@ -135,7 +134,7 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
         accel_unit=accel_unit,
         gyro_unit=gyro_unit,
         up=up,
-        turns=turns if told_by_turns else None,
+        turns=turns,
         by_positions=by_positions,
         positions_margin=positions_margin,
         frames=frames,
@@ -149,20 +148,40 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
 
 def motion_of(log: Log) -> Motion:
     """Return the GNSS velocities; derived from the positions where the log has none."""
-    data = log if log.velocity_ned is not None else velocity_from_position(log)
-    assert data.velocity_ned is not None  # noqa: S101 - for the type checker: derived above
-    whole = np.isfinite(data.velocity_ned).all(axis=1)
+    if log.velocity_ned is None:
+        return _derived(log)
+    whole = np.isfinite(log.velocity_ned).all(axis=1)
     if whole.sum() < 2:
         raise LogError("The log has fewer than two GNSS velocities; nothing can be found in it.")
-    velocity = data.velocity_ned[whole]
-    found = _velocity_noise(velocity)
-    # Positions wander together, so that their differences are far better than their own sigmas say.
-    told = data.velocity_std if log.velocity_ned is not None else None
-    rows = np.full((data.gnss_time.size, 3), np.nan)
+    velocity = log.velocity_ned[whole]
+    told = log.velocity_std
+    rows = np.full((log.gnss_time.size, 3), np.nan)
     if told is not None:
         rows = np.repeat(told[:, None], 3, axis=1) if told.ndim == 1 else told
-    sigma = np.where(np.isfinite(rows[whole]) & (rows[whole] > 0.0), rows[whole], found)
-    return Motion(time=data.gnss_time[whole], velocity=velocity, sigma=np.maximum(sigma, 0.02))
+    sigma = np.where(np.isfinite(rows[whole]) & (rows[whole] > 0.0), rows[whole], _velocity_noise(velocity))
+    return Motion(time=log.gnss_time[whole], velocity=velocity, sigma=np.maximum(sigma, MIN_SIGMA))
+
+
+def _derived(log: Log) -> Motion:
+    """Return velocities from the steps between positions, over so long a time that they stand out of the noise.
+
+    Positions wander together, so that their steps are far better than their own sigmas say: the noise is measured.
+    """
+    data = velocity_from_position(log)
+    assert data.velocity_ned is not None  # noqa: S101 - for the type checker: derived
+    noise = _velocity_noise(data.velocity_ned)
+    speed = float(np.median(np.hypot(*data.velocity_ned[:, :2].T)))
+    interval = float(np.median(np.diff(data.gnss_time))) if data.gnss_time.size > 1 else 1.0
+    stride = min(math.ceil(noise / (CLEAN * speed + 1e-3)), math.floor(MAX_STEP_S / interval))
+    if stride > 1:
+        rows = slice(None, None, stride)
+        position, std = (None if v is None else v[rows] for v in (log.position_llh, log.position_std))
+        data = velocity_from_position(
+            replace(log, gnss_time=log.gnss_time[rows], position_llh=position, position_std=std)
+        )
+    assert data.velocity_ned is not None  # noqa: S101 - for the type checker: derived
+    sigma = max(_velocity_noise(data.velocity_ned), MIN_SIGMA)
+    return Motion(time=data.gnss_time, velocity=data.velocity_ned, sigma=np.full_like(data.velocity_ned, sigma))
 
 
 def _velocity_noise(velocity: FloatArray) -> float:

@@ -16,8 +16,12 @@ COARSE_S: Final = 0.1
 FINE_S: Final = 0.02
 MAX_CHANGES: Final = 4000
 """Course changes that are used at most, those with the most turning."""
-LAG_S: Final = 2.0
-"""Course changes are taken over about this time, s: long enough to stand out of the noise, short against drift."""
+LAGS_S: Final = (2.0, 8.0, 30.0)
+"""Course changes are taken over about the first of these times that lets the turns stand out of the noise, s."""
+MIN_SCALE_SIGMAS: Final = 5.0
+"""Sigmas that the scale of the gyros must be away from zero to tell anything."""
+MIN_EXPLAINED: Final = 0.5
+"""Share of the course changes that the gyros must explain to tell anything."""
 MIN_SPEED: Final = 0.5
 """Below this speed a course is not taken, m/s."""
 MAX_COURSE_STD: Final = np.radians(15.0)
@@ -51,6 +55,11 @@ class Turns:
     bias: float
     explained: float
 
+    @property
+    def decided(self) -> bool:
+        """Whether the gyros and the course turn together."""
+        return abs(self.scale) > MIN_SCALE_SIGMAS * self.scale_std and self.explained > MIN_EXPLAINED
+
 
 def compare_turns(increments: Increments, motion: Motion, up: FloatArray) -> Turns | None:
     """Fit course changes by the integrated reading about the sensor's up axis, at the clock offset that fits best.
@@ -67,9 +76,18 @@ def compare_turns(increments: Increments, motion: Motion, up: FloatArray) -> Tur
     Returns
     -------
     Turns or None
-        None where no course changes can be told: too slow, or too few epochs.
+        None where yaw rate and course do not turn together: too slow, too few epochs, or hardly any turn.
     """
-    start, stop, change, sigma, overlap = _course_changes(motion)
+    for lag in LAGS_S:
+        turns = _compared(increments, motion, up, lag)
+        if turns is not None and turns.decided:
+            return turns
+    return None
+
+
+def _compared(increments: Increments, motion: Motion, up: FloatArray, lag_s: float) -> Turns | None:
+    """Compare over changes that take about `lag_s` s."""
+    start, stop, change, sigma, overlap = _course_changes(motion, lag_s)
     inside = (start > increments.time[0] + REACH_S) & (stop < increments.time[-1] - REACH_S)
     if inside.sum() < MIN_CHANGES:
         return None
@@ -105,11 +123,11 @@ def compare_turns(increments: Increments, motion: Motion, up: FloatArray) -> Tur
     return Turns(scale=slope, scale_std=slope_std, offset_s=offset, bias=bias, explained=explained)
 
 
-def _course_changes(motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
+def _course_changes(motion: Motion, lag_s: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
     """Return start, stop, change of course (rad), its sigma, and how many changes overlap at each instant."""
     v, speed = motion.velocity, motion.speed
     interval = float(np.median(np.diff(motion.time)))
-    lag = max(1, round(LAG_S / interval))
+    lag = max(1, round(lag_s / interval))
     across = motion.sigma[:, :2].mean(axis=1) / np.maximum(speed, 1e-3)
     moving = (speed > MIN_SPEED) & (across < MAX_COURSE_STD)
     a, b = slice(None, -lag), slice(lag, None)

@@ -14,6 +14,7 @@ from levelhead.report.navigation import navigation_plots, navigation_section
 from levelhead.report.page import asset, figure, key, plot_data, policy, script_json, scripts, styles
 from levelhead.report.path import PathDrawing, draw_path
 from levelhead.report.plots import status_bands, status_shares, time_plots
+from levelhead.report.preflight import preflight_section
 from levelhead.version import __version__
 
 
@@ -64,6 +65,7 @@ def render_report(result: Result, *, title: str, reference: Mapping[str, ArrayLi
         gyro_table=tables.bias_table(result, "gyro"),
         accel_table=tables.bias_table(result, "accel"),
         navigation=navigation_section(result, navigation),
+        preflight=preflight_section(result),
         events=tables.event_list(result.events),
         parameters=tables.parameter_table(result),
         key=key(shares, dashed=reference is not None),
