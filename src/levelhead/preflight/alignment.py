@@ -99,6 +99,14 @@ class Alignment:
     offsets_std: FloatArray
 
 
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """One-sided noise densities with vibration: gyros, rad/s/sqrt(Hz), accelerometers, m/s^2/sqrt(Hz)."""
+
+    gyro: float
+    accel: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Start:
     """Where the fit begins: rotation of each window's F, clock offset, gyro bias in the gyros' unit, units and signs.
@@ -112,7 +120,7 @@ class Start:
     gyro_scale: float
     gyro_bias: FloatArray
     accel_scale: float
-    accel_noise: float
+    noise: Noise
 
 
 def align(
@@ -268,7 +276,7 @@ def _linearised(windows: Windows, increments: Increments, motion: Motion, start:
     known = windows.present & np.isfinite(expected).all(axis=-1)
     target = motion.velocity[index] - expected
     rows = np.concatenate((local, *columns, target[..., None]), axis=-1)
-    rows = _whitened(np.nan_to_num(rows), known, elapsed, motion.sigma[index], 0.5 * start.accel_noise**2)
+    rows = _whitened(np.nan_to_num(rows), known, elapsed, motion.sigma[index], start.noise)
     return _Problem(
         local=rows[..., :6],
         common=rows[..., 6:-1],
@@ -295,26 +303,36 @@ def _links(windows: Windows, attitude: FloatArray, lain: FloatArray, start: Star
     )
 
 
-def _whitened(rows: FloatArray, known: BoolArray, elapsed: FloatArray, sigma: FloatArray, walk: float) -> FloatArray:
-    """Turn rows (w, e, 3, c) whose errors are white noise and a random walk into rows with independent unit errors.
+def _whitened(rows: FloatArray, known: BoolArray, elapsed: FloatArray, sigma: FloatArray, noise: Noise) -> FloatArray:
+    """Turn rows (w, e, 3, c) whose errors are noise of all sensors into rows with independent unit errors.
 
-    What a scalar Kalman filter of the walk is surprised by, in its sigmas (Kailath's innovations); `walk` is the
-    growth of its variance, (m/s)^2/s.
+    In the velocities there are the GNSS's white noise, the accelerometers' noise added up, and, horizontally, gravity
+    along a tilt that is the gyros' noise added up. What a Kalman filter of these is surprised by, in its sigmas, is
+    white (Kailath's innovations).
     """
     white = np.zeros_like(rows)
-    state = np.zeros_like(rows[:, 0])
-    variance = np.zeros((rows.shape[0], 3))
+    velocity, push = np.zeros_like(rows[:, 0]), np.zeros_like(rows[:, 0])
+    p_vv, p_vp, p_pp = (np.zeros((rows.shape[0], 3)) for _ in range(3))
+    q_v = 0.5 * noise.accel**2
+    q_p = 0.5 * (GRAVITY * noise.gyro) ** 2 * np.array([1.0, 1.0, 0.0])
     before = np.zeros(rows.shape[0])
     for k in range(rows.shape[1]):
         here = known[:, k]
-        variance = np.where(here[:, None], variance + walk * np.maximum(elapsed[:, k] - before, 0.0)[:, None], variance)
+        dt = np.where(here, np.maximum(elapsed[:, k] - before, 0.0), 0.0)[:, None]
         before = np.where(here, elapsed[:, k], before)
-        total = variance + sigma[:, k] ** 2
-        surprise = np.where(here[:, None, None], rows[:, k] - state, 0.0)
+        velocity = velocity + dt[..., None] * push
+        p_vv = p_vv + dt * (2.0 * p_vp + dt * p_pp) + q_v * dt + q_p * dt**3 / 3.0
+        p_vp = p_vp + dt * p_pp + q_p * dt**2 / 2.0
+        p_pp = p_pp + q_p * dt
+        total = p_vv + sigma[:, k] ** 2
+        surprise = np.where(here[:, None, None], rows[:, k] - velocity, 0.0)
         white[:, k] = surprise / np.sqrt(total)[..., None]
-        gain = variance / total
-        state = state + gain[..., None] * surprise
-        variance = np.where(here[:, None], variance * (1.0 - gain), variance)
+        gain_v, gain_p = (np.where(here[:, None], p / total, 0.0) for p in (p_vv, p_vp))
+        velocity = velocity + gain_v[..., None] * surprise
+        push = push + gain_p[..., None] * surprise
+        p_pp = p_pp - gain_p * p_vp
+        p_vp = p_vp * (1.0 - gain_v)
+        p_vv = p_vv * (1.0 - gain_v)
     return white
 
 

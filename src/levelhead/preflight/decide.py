@@ -26,7 +26,7 @@ LATENCY_STD_S: Final = 0.03
 MIN_YAW: Final = math.radians(0.2)
 WARN_YAW: Final = math.radians(1.0)
 YAW_STD: Final = math.radians(1.0)
-"""A mounting yaw is put right when it is known so well, rad."""
+"""A mounting yaw that is left alone is fine when it is known so well, rad."""
 MIN_COHERENCE: Final = 0.8
 DRIFT_SIGMAS: Final = 6.0
 MIN_DRIFT_S: Final = 0.02
@@ -176,7 +176,7 @@ def axes(look: Look, claims: Claims, fix: Corrections) -> tuple[list[Finding], C
         "roll_deg": math.degrees(roll),
     }
     told = f"{math.degrees(yaw):.2f} +- {math.degrees(mounting.yaw_std):.2f} deg"
-    sure = mounting.yaw_std < YAW_STD and abs(yaw) > max(MIN_YAW, SURE_SIGMAS * mounting.yaw_std)
+    sure = abs(yaw) > max(MIN_YAW, SURE_SIGMAS * mounting.yaw_std)
     text = f"The IMU's forward axis points {told} to the right of the direction of travel"
     if sure:
         verdict, code = Verdict.CORRECTED, "W_MOUNT_YAW" if abs(yaw) > WARN_YAW else ""

@@ -13,10 +13,10 @@ from levelhead.analysis.noise import density
 from levelhead.conventions import GRAVITY, UNIT_FACTORS, FloatArray
 from levelhead.earth import steps_ned
 from levelhead.errors import LogError
-from levelhead.estimators.params import Triple
+from levelhead.estimators.params import NoiseParams, Triple
 from levelhead.logs.derive import velocity_from_position
 from levelhead.logs.log import Log
-from levelhead.preflight.alignment import Alignment, Start, align
+from levelhead.preflight.alignment import Alignment, Noise, Start, align
 from levelhead.preflight.corrections import Corrections
 from levelhead.preflight.frames import DECIDED, VELOCITY_FRAMES, Frames, Units, find_frames, frames_by_positions
 from levelhead.preflight.mounting import Mounting, find_mounting
@@ -29,12 +29,15 @@ differ by far more."""
 BLOCK_S: Final = 1.0
 MARGIN_S: Final = 1.6
 """IMU data that must lie around a window, s: as far as clocks may be apart."""
+APART: Final = 1.5
+"""By how much an unknown lever arm may widen the sigma of the clocks before the two cannot be told apart."""
 MIN_SIGMA: Final = 0.02
 """No velocity is believed to better than this, m/s."""
 CLEAN: Final = 0.05
 """Noise of derived velocities, as a share of the speed, above which they are taken over longer steps..."""
 MAX_STEP_S: Final = 2.0
 """...but not over longer ones than this, s."""
+QUIET: Final = NoiseParams()
 CLEAR_LEVER: Final = 6.0
 CLEAR_LEVER_M: Final = 0.5
 """A lever arm that nobody told is believed where it is so many sigmas and so many metres from zero."""
@@ -125,7 +128,9 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
         possible = {"NED": 0.0} if known else {name: behind.get(name, 0.0) for name in VELOCITY_FRAMES}
         frames = find_frames(windows, increments, motion, units, velocity_frames=possible)
     if frames is not None:
-        alignment, mounting, lever_found = _aligned(windows, increments, motion, units, frames, _noise(log), lever_arm)
+        alignment, mounting, lever_found = _aligned(
+            windows, increments, motion, units, frames, _noise(log, units), lever_arm
+        )
     return Look(
         motion=motion,
         windows=windows,
@@ -206,12 +211,12 @@ def _by_positions(log: Log) -> dict[str, float]:
     return frames_by_positions(time, steps_ned(position), velocity, position)
 
 
-def _noise(log: Log) -> float:
-    """Return the accelerometers' noise density with vibration, the file's unit per sqrt(Hz); of a short log, little."""
+def _noise(log: Log, units: Units) -> Noise:
+    """Return the noise densities with vibration, SI; of a log too short to tell, those of a quiet sensor."""
     try:
-        return density(log.time, log.accel)
+        return Noise(gyro=density(log.time, log.gyro) * units.gyro, accel=density(log.time, log.accel) * units.accel)
     except LogError:
-        return 0.0
+        return Noise(gyro=QUIET.gyro_noise, accel=QUIET.accel_noise)
 
 
 def _gravity(increments: Increments) -> tuple[float, float, FloatArray]:
@@ -256,7 +261,7 @@ def _aligned(
     motion: Motion,
     units: Units,
     frames: Frames,
-    accel_noise: float,
+    noise: Noise,
     lever_arm: Triple | None,
 ) -> tuple[Alignment | None, Mounting | None, bool]:
     """Fit clocks and lever arm with the signs and frames that were found."""
@@ -269,7 +274,7 @@ def _aligned(
         gyro_scale=best.rate_sign * units.gyro,
         gyro_bias=units.gyro_bias,
         accel_scale=best.force_sign * units.accel,
-        accel_noise=accel_noise * units.accel,
+        noise=noise,
     )
     plain = align(windows, increments, ned, start)
     if plain is None:
@@ -285,6 +290,8 @@ def _aligned(
     if free is None:
         return plain, mounting, False
     clear = (np.abs(free.lever_arm) > CLEAR_LEVER * free.lever_std) & (np.abs(free.lever_arm) > CLEAR_LEVER_M)
-    if not clear.any():
+    # At one speed and in steady turns a lever arm looks like an offset of the clocks: neither is found then.
+    apart = free.offset_std < APART * plain.offset_std
+    if not clear.any() or not apart:
         return plain, mounting, False
     return free, find_mounting(windows, ned, free), True

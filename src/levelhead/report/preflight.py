@@ -38,8 +38,8 @@ def preflight_section(result: Result) -> str:
         f'<p class="lead">{lead}</p>\n<div class="card">\n<table class="findings">\n'
         '<thead><tr><th scope="col">What</th><th scope="col">Verdict</th><th scope="col">Finding</th></tr></thead>\n'
         f"<tbody>\n{rows}\n</tbody></table>\n</div>\n"
-        '<p class="note">Units, axes, frames, clocks and mounting are found from the data alone: gravity, turns against '
-        "the course, GNSS accelerations against the readings. +- is one sigma.</p>\n</section>"
+        '<p class="note">Units, axes, frames, clocks and mounting are found from the data alone: gravity, turns and '
+        "course, GNSS accelerations against the readings. +- is one sigma.</p>\n</section>"
     )
 
 
