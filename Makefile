@@ -22,6 +22,7 @@ bench: $(VENV)/built
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/navigation.py
+	$(BIN)/python benchmarks/preflight.py
 	$(BIN)/python benchmarks/speed.py
 
 # What takes minutes: a thousand drives, and outside authorities.
@@ -32,6 +33,7 @@ soak: $(VENV)/tested
 # Real drives are not part of the repository: make drives DATA=folder
 drives: $(VENV)/built
 	$(BIN)/python benchmarks/real_drives.py $(DATA)
+	$(BIN)/python benchmarks/formats.py $(DATA)
 	$(BIN)/python benchmarks/navigation.py --seeds 2 --data $(DATA)
 
 $(VENV)/built: $(SOURCES)

@@ -38,7 +38,8 @@ OFFSET_STD: Final = 1.0
 """One sigma of how far the clocks are from where the turns put them, s."""
 MAX_TURN: Final = 0.3
 """No heading is changed by more in a round, rad: the fit is linear."""
-ROUNDS: Final = 4
+ROUNDS: Final = 3
+"""Of the linear fit: from Wahba's rotations it is right to a thousandth of its sigma after two."""
 MAX_HEADING_STD: Final = np.radians(3.0)
 LINK_STD: Final = np.radians(0.1)
 """One sigma of the heading that the gyros carry from a window to the next, rad: noise of a consumer gyro over 20 s."""

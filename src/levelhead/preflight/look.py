@@ -38,6 +38,8 @@ CLEAN: Final = 0.05
 MAX_STEP_S: Final = 2.0
 """...but not over longer ones than this, s."""
 QUIET: Final = NoiseParams()
+LEVER_STD: Final = 3.0
+"""One sigma of a lever arm that nobody told, m."""
 CLEAR_LEVER: Final = 6.0
 CLEAR_LEVER_M: Final = 0.5
 """A lever arm that nobody told is believed where it is so many sigmas and so many metres from zero."""
@@ -286,7 +288,8 @@ def _aligned(
         lever = mounting.dcm_sensor_to_vehicle.T @ np.array(lever_arm)
         told = align(windows, increments, ned, start, lever_arm=lever)
         return told, None if told is None else find_mounting(windows, ned, told), False
-    free = align(windows, increments, ned, start, lever_std=3.0)
+    near = replace(start, dcm_f_to_ned=plain.dcm_f_to_ned, offset_s=plain.offset_s)
+    free = align(windows, increments, ned, near, lever_std=LEVER_STD)
     if free is None:
         return plain, mounting, False
     clear = (np.abs(free.lever_arm) > CLEAR_LEVER * free.lever_std) & (np.abs(free.lever_arm) > CLEAR_LEVER_M)
