@@ -127,16 +127,17 @@ def log_of(case: Case) -> lh.Log:
     )
 
 
-def judged(case: Case) -> dict[str, tuple[str, float]]:
-    """Run one case: verdict and error by what was to be found."""
+def judged(case: Case) -> dict[str, tuple[str, float, float]]:
+    """Run one case: verdict, error and its sigma by what was to be found."""
     found = check(log_of(case))
     verdicts = {f.name: f.verdict for f in found.findings}
     truth = _rotation(case)
-    results: dict[str, tuple[str, float]] = {}
+    results: dict[str, tuple[str, float, float]] = {}
 
-    def put(name: str, finding: str, error: float, limit: float) -> None:
+    def put(name: str, finding: str, error: float, limit: float, sigma: float = 0.0) -> None:
         decided = verdicts.get(finding) in (Verdict.FINE, Verdict.CORRECTED)
-        results[name] = ("undecided" if not decided else "right" if error <= limit else "wrong", error)
+        bound = max(limit, SIGMAS_RIGHT * sigma)
+        results[name] = ("undecided" if not decided else "right" if error <= bound else "wrong", error, sigma)
 
     fix = found.corrections
     factor = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s^2": 1.0, "g": GRAVITY}
@@ -147,10 +148,10 @@ def judged(case: Case) -> dict[str, tuple[str, float]]:
     put("axes", "axes", tilt[0], AXES_RIGHT)
     yaw = next((f.values for f in found.findings if f.name == "mounting yaw"), {})
     yaw_std = math.radians(float(str(yaw.get("yaw_std_deg", 0.0))))
-    put("mounting yaw", "mounting yaw", tilt[1], max(YAW_RIGHT, SIGMAS_RIGHT * yaw_std))
+    put("mounting yaw", "mounting yaw", tilt[1], YAW_RIGHT, yaw_std)
     clock = next((f.values for f in found.findings if f.name == "clock"), {})
     sigma = float(str(clock.get("latency_std_s", 0.0)))
-    put("clock", "clock", abs(fix.latency_s - case.latency), max(LATENCY_RIGHT_S, SIGMAS_RIGHT * sigma))
+    put("clock", "clock", abs(fix.latency_s - case.latency), LATENCY_RIGHT_S, sigma)
     return results
 
 
@@ -172,7 +173,7 @@ def _tilt(found: Preflight, truth: FloatArray, case: Case) -> tuple[float, float
     return beyond, abs(yaw)
 
 
-def _run(case: Case) -> tuple[Case, dict[str, tuple[str, float]]]:
+def _run(case: Case) -> tuple[Case, dict[str, tuple[str, float, float]]]:
     return case, judged(case)
 
 
@@ -186,15 +187,18 @@ def main() -> None:
     options = parser.parse_args()
     counts: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     errors: dict[str, list[float]] = defaultdict(list)
+    over: dict[str, list[float]] = defaultdict(list)
     wrong: list[Any] = []
     unsure: list[Any] = []
     with ProcessPoolExecutor(options.jobs) as pool:
         for case, results in pool.map(_run, cases(options.drives, options.seed), chunksize=4):
             kind = "turning" if case.scenario in TURNING else "straight or circle"
-            for name, (verdict, error) in results.items():
+            for name, (verdict, error, sigma) in results.items():
                 counts[kind, name][verdict] += 1
                 if verdict != "undecided":
                     errors[name].append(error)
+                    if sigma:
+                        over[name].append(error / sigma)
                 if verdict == "undecided" and kind == "turning":
                     unsure.append((name, error, case))
                 if verdict == "wrong":
@@ -212,7 +216,10 @@ def main() -> None:
             rms, most = np.sqrt(np.mean(np.square(errors[name]))) * scale, max(errors[name]) * scale
             good = 100.0 * float(np.mean(np.array(errors[name]) <= right))
             share = f"{good:.1f} % within {right * scale:g}"
-            print(f"{name}, where decided: {rms:.2f} {unit} RMS, {share}, all within {most:.2f}")
+            honest = (
+                f"error over sigma {np.sqrt(np.mean(np.square(over[name]))):.2f} RMS, {max(over[name]):.1f} at most"
+            )
+            print(f"{name}, where decided: {rms:.2f} {unit} RMS, {share}, all within {most:.2f}; {honest}")
     for name, error, case in wrong:
         print(f"wrong {name}: {error:.4f} {case}")
 

@@ -74,6 +74,8 @@ class Alignment:
         Rotation of each window's frame F.
     attitude_std : ndarray, shape (w, 3)
         One sigma of it about North, East, Down, rad.
+    heading_covariance : ndarray, shape (w, w)
+        Of the windows' headings: biases and clocks are common to all, and the gyros tie neighbours together, rad^2.
     attitude : ndarray, shape (w, k + 1, 3, 3)
         Rotation from the sensor's axes to F on the windows' grid.
     residual_std : float
@@ -92,6 +94,7 @@ class Alignment:
     lever_std: FloatArray
     dcm_f_to_ned: FloatArray
     attitude_std: FloatArray
+    heading_covariance: FloatArray
     attitude: FloatArray
     residual_std: float
     used: BoolArray
@@ -178,6 +181,7 @@ def align(
         lever_std=std[LEVER],
         dcm_f_to_ned=dcm,
         attitude_std=step.attitude_std,
+        heading_covariance=step.heading_covariance,
         attitude=problem.attitude,
         residual_std=float(np.sqrt(np.median(step.residual[used] ** 2))),
         used=used,
@@ -233,6 +237,7 @@ class _Step:
     covariance: FloatArray
     turn: FloatArray
     attitude_std: FloatArray
+    heading_covariance: FloatArray
     residual: FloatArray
     offsets: FloatArray
     offsets_std: FloatArray
@@ -385,6 +390,7 @@ def _solve(problem: _Problem, to_prior: FloatArray, prior_std: FloatArray, used:
         covariance=covariance[:COMMON, :COMMON],
         turn=np.column_stack((own_step[:, 3:], turn)),
         attitude_std=np.column_stack((tilt_std * np.maximum(residual, 1.0)[:, None], heading_std)),
+        heading_covariance=covariance[COMMON:, COMMON:],
         residual=residual,
         offsets=(mixed * left).sum(axis=1) / alone,
         offsets_std=np.maximum(residual, 1.0) / np.sqrt(alone),

@@ -289,7 +289,8 @@ def clock(look: Look, claims: Claims, fix: Corrections, middle_s: float, duratio
     text = f"The GNSS stamps are {abs(late):.3f} +- {sigma:.3f} s {side} against the IMU's"
     text += f", and {abs(drift) * duration_s:.3f} s more so over the log" if drift else ""
     if abs(late) < max(MIN_LATENCY_S, SURE_SIGMAS * sigma) and not drift:
-        return Finding(name=name, verdict=Verdict.FINE, text=f"{text}: left alone.", values=values), fix
+        verdict = Verdict.FINE if SURE_SIGMAS * sigma < WARN_LATENCY_S else Verdict.UNDECIDED
+        return Finding(name=name, verdict=verdict, text=f"{text}: left alone.", values=values), fix
     code = "W_LATENCY" if abs(late) > WARN_LATENCY_S or drift else ""
     if abs(late) > MAX_LATENCY_S and "clock" not in claims.unknown:
         text += f", which is more than one log should have. If they belong together pass --latency {late:.3f}."

@@ -90,6 +90,8 @@ def find_mounting(windows: Windows, motion: Motion, alignment: Alignment) -> Mou
     off = np.angle(np.exp(1j * (angle - forward + np.pi * reverse)))
     lead = np.where(moving, rate @ vertical / np.maximum(motion.speed[np.maximum(windows.epochs, 0)], MIN_SPEED), 0.0)
     yaw, axle, yaw_std = _fit(np.nan_to_num(off), np.where(reverse, -lead, lead), weight, moving)
+    share = weight / weight.sum()
+    yaw_std = float(np.sqrt(yaw_std**2 + share @ alignment.heading_covariance @ share))
     forward += yaw
     ahead = np.cos(forward) * first + np.sin(forward) * second
     return Mounting(
