@@ -56,6 +56,9 @@ class Stream:
     note: str = ""
 
 
+FLU_TO_FRD: Final = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
+"""Entry ``dcm_file_to_body`` of a log's meta where the reader turned forward, left, up into our axes."""
+
 Fact = Literal["gyro_unit", "accel_unit", "axes", "velocity_frame", "clock"]
 """What a format may leave undeclared, so that it must be found in the data (see `levelhead.preflight`)."""
 FACTS: Final[tuple[Fact, ...]] = ("gyro_unit", "accel_unit", "axes", "velocity_frame", "clock")
