@@ -17,6 +17,8 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "W_LOGGER_DROPOUT": "The recorder could not keep up and lost data:",
     "W_CALIBRATION_CHANGED": "The autopilot changed its calibration during the log, and the biases with it:",
     "W_RECORD_TIME": "Messages without a stamp of their own were taken at the time of their recording, which is late:",
+    "W_TIME_SCALE": "Two files count from 1970, but one does not say whether in UTC or in GPS time, 18 s apart; they "
+    "were taken as one clock (a header with time[UTC] or time[GPST] says it, or --latency how far they are apart):",
     "W_COMPENSATED": "The readings had biases taken off before they were recorded.",
     "I_VELOCITY_2D": "The receiver tells no vertical velocity: it was taken as zero, with a wide sigma.",
     "I_DECIMATED": "An INS tells its velocity with every IMU sample; only some of these were taken as GNSS epochs:",

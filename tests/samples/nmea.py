@@ -84,6 +84,6 @@ def write(folder: Path) -> Path:
     drive = sample_drive()
     table = np.column_stack((drive.time + EPOCH_UTC_S, drive.gyro, drive.accel)).tolist()
     rows = [",".join(f"{v:.9g}" if k else f"{v:.3f}" for k, v in enumerate(row)) for row in table]
-    header = ",".join((TIME_COLUMN, *GYRO_COLUMNS, *ACCEL_COLUMNS))
+    header = ",".join((f"{TIME_COLUMN}[UTC]", *GYRO_COLUMNS, *ACCEL_COLUMNS))
     (folder / "drive.imu.csv").write_text("\n".join([header, *rows, ""]))
     return folder / "drive.imu.csv"

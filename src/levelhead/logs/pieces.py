@@ -76,6 +76,8 @@ class Pieces:
         Cut lines or records at the start or the end of the file that were not used.
     damaged : str
         Where and how the file is damaged in its middle, as a sentence; empty where it is not.
+    host_clock : bool
+        The stamps are those of a computer or a phone, which may be seconds off: the clock of another file is another.
     from_zero : bool
         The stamps are those of a foreign clock: the log's time starts at the first IMU sample.
     meta : mapping
@@ -103,6 +105,7 @@ class Pieces:
     undeclared: tuple[Fact, ...] = ()
     assumed: tuple[Fact, ...] = ()
     damaged: str = ""
+    host_clock: bool = False
 
 
 def join(

@@ -9,6 +9,7 @@ import pytest
 
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
+from levelhead.logs.pieces import FLU_TO_FRD
 from levelhead.logs.readers import read
 from samples import broken_files
 from samples import kitti_oxts as sample
@@ -58,6 +59,7 @@ def test_of_the_velocities_at_the_rate_of_the_imu_ten_in_a_second_are_epochs(dri
 
 def test_that_biases_were_taken_off_is_said(drive: Path) -> None:
     log = read(drive)
+    assert log.meta["dcm_file_to_body"] == FLU_TO_FRD
     assert "OxTS system took its own estimates of the biases off" in str(log.meta["compensated"])
     assert codes(log)["W_COMPENSATED"] == 1
 

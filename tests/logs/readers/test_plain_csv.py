@@ -36,7 +36,7 @@ def test_the_recorded_drive_is_read_as_through_its_mapping(data_folder: Path) ->
     log = read(folder / "imu_1934.csv")
     assert log.meta["format"] == "plain-csv"
     assert log.meta["gnss_source"] == "gnss_1934_sf.pos"
-    assert log.meta["undeclared"] == ("gyro_unit", "accel_unit", "axes")
+    assert log.meta["undeclared"] == ("gyro_unit", "accel_unit", "axes", "clock")
     mapped = read(folder / "imu_1934.csv", gnss=folder / "gnss_1934_sf.pos", mapping=MAPPING)
     assert log.time.size == mapped.time.size == 54860
     np.testing.assert_allclose(log.time, mapped.time, atol=1e-6)

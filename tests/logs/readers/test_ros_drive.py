@@ -86,12 +86,25 @@ def test_flu_becomes_frd_and_enu_ned(bag: Bag) -> None:
     log = read(bag(imu(), fixes(), velocities()))
     np.testing.assert_array_equal(log.gyro[0], [0.1, -0.2, -0.3])
     np.testing.assert_array_equal(log.accel[0], [1.0, -2.0, -9.8])
+    np.testing.assert_array_equal(np.array(log.meta["dcm_file_to_body"]) @ [0.1, 0.2, 0.3], log.gyro[0])
     assert log.velocity_ned is not None
     assert log.velocity_std is not None
     assert log.position_std is not None
     np.testing.assert_array_equal(log.velocity_ned[0], [2.0, 1.0, -3.0])
     np.testing.assert_array_equal(log.velocity_std[0], [2.0, 1.0, 3.0])
     np.testing.assert_array_equal(log.position_std[0], [2.0, 1.0, 3.0])
+
+
+@pytest.mark.parametrize(("ahead_s", "apart"), [(0.0, False), (0.3, False), (18.0, True)])
+def test_a_driver_that_stamps_in_gps_time_has_another_clock(bag: Bag, ahead_s: float, apart: bool) -> None:
+    # What is recorded at one time has stamps that differ by what the clocks do, and some tenths of latency.
+    times = np.arange(0.0, 30.0, 0.02)
+    readings = messages("/imu", IMU, times, lambda at: MAKE.imu(at, GYRO, ACCEL))
+    places = messages(
+        "/fix", FIX, times[::10] + ahead_s, lambda at: MAKE.fix(at, PLACE, STD), late=-round(ahead_s * 1e9)
+    )
+    undeclared = pieces_of(bag(readings, places)).undeclared
+    assert ("clock" in undeclared) == apart
 
 
 def test_of_several_imus_the_one_with_the_most_samples_is_read_and_the_user_may_choose(bag: Bag) -> None:

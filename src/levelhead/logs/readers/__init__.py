@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from levelhead.errors import LogError, UsageError
 from levelhead.events import Event
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, check_agreement
 from levelhead.logs.log import Log
 from levelhead.logs.mapping import GnssMapping, ImuMapping, LogMapping, load_mapping
-from levelhead.logs.pieces import FACTS, Pieces, join
+from levelhead.logs.pieces import ABSOLUTE_CLOCK_S, FACTS, Fact, Pieces, join
 from levelhead.logs.readers import (
     ardupilot_bin,
     canonical_csv,
@@ -38,7 +40,7 @@ from levelhead.logs.readers import (
     vectornav,
     vectornav_ascii,
 )
-from levelhead.logs.readers.base import Reader, Source
+from levelhead.logs.readers.base import Reader, Role, Source
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.siblings import find_sibling
 
@@ -75,6 +77,17 @@ READERS: Final[dict[str, Reader]] = {
 
 _MAPPABLE: Final = (named_csv.READER, canonical_csv.READER, plain_csv.READER)
 """Formats that a mapping may read otherwise: what the columns mean is taken from their names or their numbers."""
+
+_TABLES: Final = (canonical_csv.READER, canonical_parquet.READER, mapped_csv.READER, named_csv.READER)
+"""Formats whose one table is the whole log: a GNSS file besides contradicts it."""
+
+_META_OF_GNSS: Final = (DATUM_KEY, HEIGHT_KEY, "gnss_time_scale", "gnss_stamp")
+_EVENTS_OF_GNSS: Final = ("I_VELOCITY_2D", "I_DECIMATED")
+_FACTS_OF: Final[dict[Role, tuple[Fact, ...]]] = {
+    "imu": ("gyro_unit", "accel_unit", "axes", "clock"),
+    "gnss": ("velocity_frame", "clock"),
+}
+"""What a file tells of its receiver, and of its IMU: it does not matter where that one is not used."""
 
 SNIFFED_BYTES: Final = 65536
 
@@ -139,34 +152,71 @@ def read(
             f"{main.name} ({reader.title}) holds GNSS data only; an IMU file is needed too: pass that one first and "
             f"{main.name} as gnss=."
         )
-    parts = {main.name: pieces}
+    imu_data, gnss_data = pieces.imu, pieces.gnss
     meta: dict[str, object] = {"source": main.name, "format": reader.name, **pieces.meta}
-    gnss_data = pieces.gnss
+    parts = [(main.name, pieces)]
     found: tuple[Event, ...] = ()
     if gnss_data is None and gnss_path is None and beside is not None:
         gnss_path = beside
         found = (Event(code="I_SIBLING", count=1, detail=f"{beside.name}."),)
     if gnss_path is not None:
-        if gnss_data is not None and not pieces.streams:
+        if gnss_data is not None and reader in _TABLES:
             raise UsageError(f"{main.name} has GNSS columns of its own; leave out the GNSS file {gnss_path.name}.")
-        gnss_pieces, gnss_reader = _read_file(Source(path=gnss_path, role="gnss", gnss_mapping=gnss_mapping), None)
+        other, gnss_reader = _read_file(Source(path=gnss_path, role="gnss", gnss_mapping=gnss_mapping), None)
+        other = _only(other, "gnss")
         if gnss_data is not None:
-            # The log has positions of its own, which are not used: what they count from does not matter.
-            meta = {key: value for key, value in meta.items() if key not in (DATUM_KEY, HEIGHT_KEY)}
-        check_agreement(main.name, meta, gnss_path.name, gnss_pieces.meta)
-        gnss_data = gnss_pieces.gnss
-        meta = {**gnss_pieces.meta, **meta, "gnss_source": gnss_path.name, "gnss_format": gnss_reader.name}
-        parts[gnss_path.name] = gnss_pieces
+            pieces = _only(pieces, "imu")
+            meta = {key: value for key, value in meta.items() if key not in _META_OF_GNSS}
+        check_agreement(main.name, meta, gnss_path.name, other.meta)
+        gnss_data = other.gnss
+        meta = {**other.meta, **meta, "gnss_source": gnss_path.name, "gnss_format": gnss_reader.name}
+        if imu_mapping is None or imu_mapping.time_zero_s is None:
+            other = _against(pieces, other)
+        parts = [(main.name, pieces), (gnss_path.name, other)]
     if gnss_data is None:
-        raise LogError(f"{main.name} ({reader.title}) holds no GNSS data; pass the file that does as gnss=.")
-    meta |= _known(tuple(parts.values()))
+        name, title = (main.name, reader.title) if gnss_path is None else (gnss_path.name, gnss_reader.title)
+        raise LogError(f"{name} ({title}) holds no GNSS data; pass the file that does as gnss=.")
+    meta |= _known([part for _, part in parts])
     try:
-        return join(pieces.imu, gnss_data, from_zero=pieces.from_zero, meta=meta, events=(*found, *_events_of(parts)))
+        return join(imu_data, gnss_data, from_zero=pieces.from_zero, meta=meta, events=(*found, *_events_of(parts)))
     except LogError as error:
         raise LogError(f"{main.name}: {error}") from None
 
 
-def _known(parts: tuple[Pieces, ...]) -> dict[str, object]:
+def _only(pieces: Pieces, kind: Role) -> Pieces:
+    """Return what a file tells of its IMU or of its receiver, where the other one is taken from another file."""
+    facts = _FACTS_OF[kind]
+    pieces = replace(
+        pieces,
+        undeclared=tuple(f for f in pieces.undeclared if f in facts),
+        assumed=tuple(f for f in pieces.assumed if f in facts),
+    )
+    if kind == "imu":
+        return replace(pieces, gnss=None, events=tuple(e for e in pieces.events if e.code not in _EVENTS_OF_GNSS))
+    # Calibration, devices and the like are those of an IMU that is not used.
+    meta = {key: value for key, value in pieces.meta.items() if key in _META_OF_GNSS}
+    return replace(pieces, imu=None, compensated="", meta=meta)
+
+
+def _against(one: Pieces, other: Pieces) -> Pieces:
+    """Return the second file's pieces with what it means that their clocks are two.
+
+    A computer's clock may be seconds off. And where both count from 1970, but only one says in which time scale, they
+    may be the leap seconds apart: 18 s are too few to be noticed by where the files begin and end.
+    """
+    if one.imu is None or other.gnss is None:
+        return other
+    scales, events = (one.imu.time_scale, other.gnss.time_scale), other.events
+    told_by_one = scales[0] != scales[1] and None in scales
+    if told_by_one and min(np.nanmax(t, initial=0.0) for t in (one.imu.time, other.gnss.time)) > ABSOLUTE_CLOCK_S:
+        known = scales[0] or scales[1]
+        events = (*events, Event(code="W_TIME_SCALE", count=1, detail=f"{known} is what the other one counts in."))
+    elif not (one.host_clock or other.host_clock):
+        return other
+    return replace(other, events=events, undeclared=tuple(dict.fromkeys((*other.undeclared, "clock"))))
+
+
+def _known(parts: Sequence[Pieces]) -> dict[str, object]:
     """Return what the files together tell of the log, as entries of `Log.meta`."""
     whole = "malformed_record" if any(p.damaged for p in parts) else "complete"
     meta: dict[str, object] = {"completeness": "truncated" if any(p.left_out for p in parts) else whole}
@@ -178,15 +228,16 @@ def _known(parts: tuple[Pieces, ...]) -> dict[str, object]:
     return {**meta, **{name: value for name, value in entries.items() if value}}
 
 
-def _events_of(parts: Mapping[str, Pieces]) -> tuple[Event, ...]:
-    """Return what happened while the files were read."""
-    events = [event for p in parts.values() for event in p.events]
-    cut = {name: p.left_out for name, p in parts.items() if p.left_out}
+def _events_of(parts: Sequence[tuple[str, Pieces]]) -> tuple[Event, ...]:
+    """Return what happened while the files were read; two of them may have one name, in two folders."""
+    pieces = [part for _, part in parts]
+    events = [event for p in pieces for event in p.events]
+    cut = [(name, p.left_out) for name, p in parts if p.left_out]
     if cut:
-        detail = ", ".join(f"{name}: {count}" for name, count in cut.items())
-        events.append(Event(code="W_TRUNCATED", count=sum(cut.values()), detail=f"{detail}."))
-    events += [Event(code="W_DAMAGED", count=1, detail=p.damaged) for p in parts.values() if p.damaged]
-    events += [Event(code="W_COMPENSATED", count=1, detail=p.compensated) for p in parts.values() if p.compensated]
+        detail = ", ".join(f"{name}: {count}" for name, count in cut)
+        events.append(Event(code="W_TRUNCATED", count=sum(count for _, count in cut), detail=f"{detail}."))
+    events += [Event(code="W_DAMAGED", count=1, detail=p.damaged) for p in pieces if p.damaged]
+    events += [Event(code="W_COMPENSATED", count=1, detail=p.compensated) for p in pieces if p.compensated]
     return tuple(events)
 
 

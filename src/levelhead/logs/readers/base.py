@@ -66,13 +66,15 @@ class Reader:
 class Table:
     """Numbers by canonical column name, in canonical units (see `levelhead.conventions`); NaN means absent.
 
-    ``where(row)`` says in words where a row (from 0) stands in the file; ``left_out`` counts cut lines.
+    ``where(row)`` says in words where a row (from 0) stands in the file; ``left_out`` counts cut lines; ``time_scale``
+    is that of stamps which are known to count seconds since 1970 in it.
     """
 
     name: str
     columns: Mapping[str, FloatArray]
     where: Callable[[int], str]
     left_out: int = 0
+    time_scale: str | None = None
 
 
 def choose(streams: Sequence[Stream], wanted: str | None, *, name: str) -> Stream | None:

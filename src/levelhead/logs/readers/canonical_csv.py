@@ -39,8 +39,9 @@ def read(source: Source) -> Pieces:
     columns = find_columns(path.name, layout.names, [None] * len(layout.names), role=source.role)
     numbers = read_numbers(path, content, layout, {c: k.index for c, k in columns.items()}, time_column=TIME_COLUMN)
     scaled = {c: values * columns[c].factor for c, values in numbers.columns.items()}
-    pieces = pieces_from_table(Table(name=path.name, columns=scaled, where=numbers.where, left_out=numbers.left_out))
-    return replace(pieces, assumed=assumed_facts(columns))
+    scale = columns[TIME_COLUMN].time_scale
+    table = Table(name=path.name, columns=scaled, where=numbers.where, left_out=numbers.left_out, time_scale=scale)
+    return replace(pieces_from_table(table), assumed=assumed_facts(columns))
 
 
 READER: Final = Reader(name="csv", title="canonical CSV", sniff=sniff, read=read)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from levelhead.conventions import FloatArray
+from levelhead.conventions import TIME_COLUMN, FloatArray
 from levelhead.errors import LogError
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, declared
 from levelhead.logs.pieces import Pieces
@@ -94,7 +94,8 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
         data = file.read(columns=[schema.names[found.index]], use_threads=False).column(0)
         values = data.cast("float64").to_numpy()
         scaled[column] = values if found.factor == 1.0 else values * found.factor
-    pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}"))
+    scale = columns[TIME_COLUMN].time_scale
+    pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}", time_scale=scale))
     scaled.clear()
     pa.default_memory_pool().release_unused()
     assumed = assumed_facts(columns, frames_declared=_decoded((schema.metadata or {}).get(FRAMES_KEY)) == FRAMES)

@@ -27,11 +27,14 @@ from levelhead.conventions import (
 from levelhead.errors import LogError
 from levelhead.logs.pieces import Fact, GnssData, ImuData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Role, Table
+from levelhead.logs.timescales import GPST, UTC
 
 BoolArray = NDArray[np.bool_]
 
 IMU_COLUMNS: Final = (*GYRO_COLUMNS, *ACCEL_COLUMNS)
 GNSS_COLUMNS: Final = (*VELOCITY_COLUMNS, *POSITION_COLUMNS)
+SINCE_1970: Final = (UTC, GPST)
+"""Units of a time column that is seconds since 1970 in that time scale."""
 
 _NAME_AND_UNIT = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\]]*)\])?\s*")
 _LEAST_VERTICAL_STD: Final = 0.5
@@ -43,11 +46,15 @@ MAX_NAMES_SHOWN: Final = 16
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """Where a canonical column is found in a file, the factor to its canonical unit, and whether the file says so."""
+    """Where a canonical column is found in a file, the factor to its canonical unit, and whether the file says so.
+
+    ``time_scale`` is what a time column counts in, where its unit says that: ``time[UTC]``, ``time[GPST]``.
+    """
 
     index: int
     factor: float
     declared: bool = True
+    time_scale: str | None = None
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
@@ -98,8 +105,9 @@ def find_columns(name: str, headers: Sequence[str], units: Sequence[str | None],
         if role == "gnss" and column in (*IMU_COLUMNS, WHEEL_SPEED_COLUMN):
             skipped.add(column)
             continue
-        factor = 1.0 if unit is None else unit_factor(column, unit, where=name)
-        found[column] = Column(index=index, factor=factor, declared=unit is not None)
+        scale = unit if column == TIME_COLUMN and unit in SINCE_1970 else None
+        factor = 1.0 if unit is None or scale is not None else unit_factor(column, unit, where=name)
+        found[column] = Column(index=index, factor=factor, declared=unit is not None, time_scale=scale)
     _require(name, headers, found, (TIME_COLUMN,))
     _refuse_alone(name, found.keys() | skipped)
     if any(c in found for c in IMU_COLUMNS) or not any(c in found for c in GNSS_COLUMNS):
@@ -177,9 +185,8 @@ def pieces_from_table(table: Table) -> Pieces:
     imu = None
     if imu_rows.any():
         gyro, accel = _stacked(table, GYRO_COLUMNS, imu_rows), _stacked(table, ACCEL_COLUMNS, imu_rows)
-        imu = ImuData(
-            time=time[imu_rows], gyro=gyro, accel=accel, wheel_speed=_column(table, WHEEL_SPEED_COLUMN, imu_rows)
-        )
+        wheel_speed = _column(table, WHEEL_SPEED_COLUMN, imu_rows)
+        imu = ImuData(time=time[imu_rows], gyro=gyro, accel=accel, wheel_speed=wheel_speed, time_scale=table.time_scale)
     gnss = _gnss(table, gnss_rows) if gnss_rows.any() else None
     return Pieces(imu=imu, gnss=gnss, left_out=table.left_out)
 
@@ -257,6 +264,7 @@ def _gnss(table: Table, rows: BoolArray) -> GnssData:
         velocity_std=_column(table, VELOCITY_STD_COLUMN, rows),
         position_llh=none_if_absent(position_rad),
         position_std=_column(table, POSITION_STD_COLUMN, rows),
+        time_scale=table.time_scale,
     )
 
 

@@ -22,6 +22,7 @@ from levelhead.conventions import (
 )
 from levelhead.errors import LogError
 from levelhead.logs.mapping import UP_COLUMN
+from levelhead.logs.readers.columns import SINCE_1970
 
 VELOCITY_XYZ: Final = ("velocity_x", "velocity_y", "velocity_z")
 """A velocity whose axes the header does not name by directions."""
@@ -217,7 +218,9 @@ def _named(name: str, header: str, unit_below: str, index: int) -> Named | None:
         if meaning is None:
             continue
         column, rank, unit = meaning
-        if declared and column in _UNITS:
+        if declared in SINCE_1970 and column == TIME_COLUMN:
+            unit = "s"
+        elif declared and column in _UNITS:
             unit = _unit(column, declared)
             if unit is None and match is not None:
                 known = ", ".join(UNIT_FACTORS[_UNITS[column]])

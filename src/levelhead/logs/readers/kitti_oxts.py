@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.events import Event
-from levelhead.logs.pieces import GnssData, ImuData, Pieces, none_if_absent
+from levelhead.logs.pieces import FLU_TO_FRD, GnssData, ImuData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
 
 IntArray = NDArray[np.int64]
@@ -42,7 +42,6 @@ _GYRO: Final = slice(17, 20)
 _POS_ACCURACY, _VEL_ACCURACY, _NAVSTAT = 23, 24, 25
 _NO_SOLUTION: Final = (0, 1, 2)
 """Values of ``navstat``: nothing, raw IMU data only, initialising. (3 is locking, 4 locked.)"""
-_FLU_TO_FRD: Final = np.array([1.0, -1.0, -1.0])
 
 _SAMPLE_FILE: Final = re.compile(r"\d{1,10}\.txt", re.ASCII)
 _STAMP: Final = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}")
@@ -90,7 +89,8 @@ def read(source: Source) -> Pieces:
             "copy the drive anew."
         )
     time, values = stamps[samples.number[usable]], samples.values[usable]
-    imu = ImuData(time=time, gyro=values[:, _GYRO] * _FLU_TO_FRD, accel=values[:, _ACCEL] * _FLU_TO_FRD)
+    flip = np.diag(FLU_TO_FRD)
+    imu = ImuData(time=time, gyro=values[:, _GYRO] * flip, accel=values[:, _ACCEL] * flip)
     gnss, events = _epochs(time, values)
     left_out, damaged = _damage(source.path.name, samples, stamps, bad_stamps)
     lost = int((np.isnan(stamps) & ~bad_stamps).sum())
@@ -102,6 +102,7 @@ def read(source: Source) -> Pieces:
         left_out=left_out,
         damaged=damaged,
         from_zero=True,
+        meta={"dcm_file_to_body": FLU_TO_FRD},
         events=events,
         compensated=COMPENSATED,
     )

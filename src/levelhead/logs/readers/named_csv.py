@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -343,7 +344,8 @@ def _with_deviations(gnss: GnssData, columns: Mapping[str, FloatArray]) -> GnssD
 def _time_scale(layout: CsvLayout, found: NamedColumns) -> str | None:
     """Return the time scale of Unix stamps where the column's name tells it."""
     title = layout.names[found.chosen[TIME_COLUMN].index].lower()
-    return GPST if "gpst" in title else UTC if "utc" in title else None
+    # A "gpsTime" or a "gps_timestamp" may be either.
+    return GPST if re.search(r"gpst(?!ime|amp)", title) else UTC if "utc" in title else None
 
 
 def _height(name: str, layout: CsvLayout, found: NamedColumns) -> dict[str, object]:

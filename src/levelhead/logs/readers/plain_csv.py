@@ -107,7 +107,7 @@ def read(source: Source) -> Pieces:
             events=(Event(code="W_DROPPED", count=1, detail=detail),),
         )
     imu = replace(pieces.imu, time=pieces.imu.time + zero, time_scale=GPST)
-    return replace(pieces, imu=imu, undeclared=undeclared)
+    return replace(pieces, imu=imu, undeclared=undeclared, host_clock=True)
 
 
 def _first_stands_out(values: FloatArray, *, is_time: bool) -> bool:

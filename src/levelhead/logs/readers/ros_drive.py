@@ -18,7 +18,7 @@ from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.events import Event
 from levelhead.logs.datum import DATUM_KEY, ELLIPSOIDAL, HEIGHT_KEY, WGS84, declared
-from levelhead.logs.pieces import Fact, GnssData, ImuData, Pieces, Stream, none_if_absent
+from levelhead.logs.pieces import FLU_TO_FRD, Fact, GnssData, ImuData, Pieces, Stream, none_if_absent
 from levelhead.logs.readers.base import Source, choose
 from levelhead.logs.readers.ros_files import Extent
 from levelhead.logs.readers.ros_messages import (
@@ -42,6 +42,8 @@ STRAY_S: Final = 60.0
 """A few stamps this much further from the time of recording than the others are broken, s."""
 MAX_STRAY: Final = 0.01
 """Share of such stamps above which it is the clock that jumped."""
+CLOCKS_APART_S: Final = 0.5
+"""IMU and receiver whose stamps differ by this much more from the times of recording have a clock each, s."""
 YEAR_2000_S: Final = 946_684_800.0
 """Stamps beyond this count from 1970; those of a simulation or of a clock that nobody set count from its start, s."""
 
@@ -173,16 +175,19 @@ def pieces(topics: Topics, extent: Extent, meta: Mapping[str, str] | None = None
     undeclared: list[Fact] = [] if known or imu is None else ["axes"]
     if not known and gnss_data is not None and gnss_data.velocity_ned is not None:
         undeclared.append("velocity_frame")
+    if imu is not None and gnss is not None and drive.apart(imu.name, gnss.name) > CLOCKS_APART_S:
+        undeclared.append("clock")
     return Pieces(
         imu=imu_data,
         gnss=gnss_data,
-        meta=_meta(name, gnss_data, meta or {}),
+        meta=_meta(name, gnss_data, meta or {}) | ({} if imu_data is None else {"dcm_file_to_body": FLU_TO_FRD}),
         events=drive.events(),
         streams=(*imus, *streams),
         compensated=_compensated(meta or {}),
         undeclared=tuple(undeclared),
         left_out=extent.left_out,
         damaged=extent.sentence(name),
+        host_clock=True,
     )
 
 
@@ -221,6 +226,7 @@ class _Drive:
     def __init__(self, topics: Topics) -> None:
         self._dropped: dict[str, int] = {}
         self._recorded: list[tuple[str, int]] = []
+        self._ahead: dict[str, float] = {}
         self._flat: int = 0
         for text in topics.refused:
             self._drop(text, 1)
@@ -238,6 +244,10 @@ class _Drive:
         """Return the topics of one message type."""
         return self._kinds.get(kind, {})
 
+    def apart(self, one: str, other: str) -> float:
+        """Return how much more the stamps of one topic differ from the times of recording than another's, s."""
+        return abs(self._ahead.get(one, 0.0) - self._ahead.get(other, 0.0))
+
     def _drop(self, why: str, count: int) -> None:
         if count:
             self._dropped[why] = self._dropped.get(why, 0) + count
@@ -254,6 +264,7 @@ class _Drive:
         # Where many are, the clock was set during the drive, which is judged later.
         stray &= stray.mean() <= MAX_STRAY
         self._drop(f"{topic}: messages with a stamp far from the others'", int(stray.sum()))
+        self._ahead[topic] = float(np.median(offset[~unset]))
         return _rows(samples, ~unset & ~stray)
 
     def _measured(self, topic: str, samples: Samples) -> Samples:
@@ -269,7 +280,7 @@ class _Drive:
     def imu(self, topic: str) -> ImuData:
         """Return one IMU, turned from FLU to FRD, with the wheel speed where a topic has it."""
         samples = self.of(IMU)[topic]
-        flip = np.array([1.0, -1.0, -1.0])
+        flip = np.diag(FLU_TO_FRD)
         time = _seconds(samples.stamp)
         return ImuData(
             time=time,

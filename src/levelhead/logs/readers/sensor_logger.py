@@ -85,7 +85,8 @@ def read(source: Source) -> Pieces:
     with _members(path) as members:
         gnss, events, left_out = _location(members)
         if source.role == "gnss":
-            return Pieces(gnss=gnss, left_out=left_out, events=events, meta=_datum(path) if gnss else {})
+            meta = _datum(path) if gnss else {}
+            return Pieces(gnss=gnss, left_out=left_out, events=events, meta=meta, host_clock=True)
         gyro_name = next((n for n in _GYROS if members.has(n)), None)
         if gyro_name is None:
             raise LogError(f"{path.name} holds no {_GYROS[0]} with samples; switch the sensor on in the app.")
@@ -106,6 +107,7 @@ def read(source: Source) -> Pieces:
         events=events,
         compensated="" if gyro_name == _GYROS[0] else COMPENSATED,
         undeclared=("axes",),
+        host_clock=True,
         meta=_datum(path) if gnss is not None else {},
     )
 
