@@ -53,6 +53,11 @@ def between(scale: str, other: str, time: float) -> float:
     return float(utc + ahead - time)
 
 
+def gps_instant(week: FloatArray, second: FloatArray) -> FloatArray:
+    """Return instants in GPST, seconds since 1970, of GPS weeks since 1980 and seconds of the week."""
+    return GPS_EPOCH_S + WEEK_S * week + second
+
+
 def continued(part: FloatArray, start: FloatArray, known: NDArray[np.bool_], period: float) -> FloatArray:
     """Return stamps that run on, of stamps that begin anew with each day or week.
 

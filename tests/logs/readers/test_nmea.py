@@ -147,7 +147,7 @@ def test_a_second_copy_of_a_drive_is_counted_and_not_used(tmp_path: Path) -> Non
     pieces = pieces_of(tmp_path, text + text)
     assert pieces.gnss is not None
     assert pieces.gnss.time.size == 5
-    assert pieces.events[0].detail == "sentences that repeat the time of others of their kind: 5."
+    assert pieces.events[0].detail == "5 sentences that repeat the time of others of their kind."
 
 
 def test_gga_alone_has_no_date_and_says_so(tmp_path: Path) -> None:

@@ -137,8 +137,8 @@ def test_a_rate_and_an_acceleration_of_one_instant_make_a_sample(tmp_path: Path)
     np.testing.assert_allclose(pieces.imu.gyro, np.radians([TURN] * 3))
     np.testing.assert_array_equal(pieces.imu.accel, [LEVEL] * 3)
     assert [(e.count, e.detail) for e in pieces.events] == [
-        (3, "ExtSensorMeas, saturated, scrambled or absent: 3."),
-        (2, "ExtSensorMeas, a rate without an acceleration, the other way round, or repeated: 2."),
+        (3, "3 measurements of ExtSensorMeas that are saturated, scrambled or absent."),
+        (2, "2 measurements of ExtSensorMeas without the other kind of the same time, or repeated."),
     ]
     assert pieces.gnss is None
 
@@ -165,7 +165,7 @@ def test_a_block_that_says_more_than_it_holds_is_read_as_far_as_it_goes(tmp_path
 
 
 def test_nothing_of_use_is_refused_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"holds neither GNSS .* Left out: PVTGeodetic without a solution: 2\."):
+    with pytest.raises(LogError, match=r"holds neither GNSS .* Left out: 2 PVTGeodetic blocks without a solution\."):
         pieces_of(tmp_path, pvt(EPOCH_UTC_S, EAST, LLH, mode=0) * 2)
 
 

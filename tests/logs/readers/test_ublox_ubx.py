@@ -290,7 +290,7 @@ def test_older_receivers_tell_position_velocity_and_fix_apart(tmp_path: Path) ->
     np.testing.assert_allclose(gnss.position_llh, [[np.radians(48.0), np.radians(9.0), 310.0]] * 2)  # type: ignore[arg-type]
     np.testing.assert_allclose(gnss.position_std, [[2.0, 2.0, 3.0]] * 2)  # type: ignore[arg-type]
     assert [(e.code, e.count, e.detail) for e in pieces.events] == [
-        ("W_DROPPED", 1, "NAV-POSLLH without a fix in NAV-SOL: 1.")
+        ("W_DROPPED", 1, "1 NAV-POSLLH messages without a fix in NAV-SOL.")
     ]
 
 
@@ -332,7 +332,7 @@ def test_only_fixes_count_and_a_flat_one_tells_little_of_the_vertical(tmp_path: 
     np.testing.assert_allclose(gnss.velocity_std, [[0.05, 0.05, 0.75], [0.05] * 3, [0.05] * 3, [np.nan] * 3])
     np.testing.assert_array_equal(np.isnan(gnss.position_llh).all(axis=1), [False, False, True, False])
     np.testing.assert_array_equal(np.isnan(gnss.position_std[:, 0]), [False, False, True, True])
-    assert [e.detail for e in pieces.events] == ["NAV-PVT without a fix: 4."]
+    assert [e.detail for e in pieces.events] == ["4 NAV-PVT messages without a fix."]
     assert pieces.streams[0].note == "1 fixes are the receiver's own fusion of GNSS with its sensors"
 
 
@@ -348,7 +348,7 @@ def test_a_date_that_is_not_valid_yet_is_told_by_the_next(tmp_path: Path) -> Non
 def test_sensors_without_any_fix_are_refused_with_the_reason(tmp_path: Path) -> None:
     content = ublox_ubx.meas(0, ublox_ubx.GYRO_TYPES, [1, 2, 3]) * 3
     with pytest.raises(
-        LogError, match=r"holds neither GNSS fixes .* Left out: sensor readings whose time no GNSS epoch"
+        LogError, match=r"holds neither GNSS fixes .* Left out: 9 sensor readings whose time no GNSS epoch"
     ):
         pieces_of(tmp_path, content)
 
@@ -357,7 +357,7 @@ def test_accelerations_free_of_gravity_are_not_taken(tmp_path: Path) -> None:
     ins = bytes(UBXMessage("ESF", "ESF-INS", GET, payload=bytes(36)).serialize())
     pieces = pieces_of(tmp_path, ins * 3 + ublox_ubx.pvt(EPOCH_UTC_S, NORTH, LLH))
     assert pieces.imu is None
-    assert [e.detail for e in pieces.events] == ["ESF-INS, whose accelerations are free of gravity: 3."]
+    assert [e.detail for e in pieces.events] == ["3 ESF-INS messages, whose accelerations are free of gravity."]
 
 
 def unchanged(log: Log, clean: Log) -> bool:

@@ -34,11 +34,11 @@ from levelhead.logs.readers.autopilot import (
     chosen,
     imu_data,
     paired,
-    without_vertical,
 )
 from levelhead.logs.readers.base import Reader, Source, choose
 from levelhead.logs.readers.dataflash import FMT_NUMBER, MAGIC, DataFlashFile, Kind, in_units
-from levelhead.logs.timescales import GPS_EPOCH_S, GPST, WEEK_S
+from levelhead.logs.readers.receivers import dropped, velocity_of, without_vertical
+from levelhead.logs.timescales import GPST, gps_instant
 
 CALIBRATION: Final = re.compile(
     r"INS\d?_(GYR|ACC)\d?(OFFS|SCAL)_[XYZ]|INS\d?_(GYR|ACC)\d?_ID|INS_GYR_CAL|INS_TCAL\d_ENABLE|AHRS_TRIM_[XYZ]"
@@ -235,15 +235,12 @@ def _gnss(receiver: _Receiver) -> tuple[GnssData | None, float | None, tuple[Eve
     llh = rows.columns("Lat", "Lng", "Alt")
     there = (np.abs(llh[:, 0]) <= 90.0) & (np.abs(llh[:, 1]) <= 180.0) & np.isfinite(llh[:, 2])
     fixed = (rows.rows["Status"] >= _MIN_FIX) & there
-    without = int((~fixed).sum())
+    events = dropped(int((~fixed).sum()), "GNSS epochs without a 3D fix")
     rows, llh = _Rows(rows.kind, rows.rows[fixed]), llh[fixed]
-    events: tuple[Event, ...] = ()
-    if without:
-        events = (Event(code="W_DROPPED", count=without, detail=f"{without} GNSS epochs without a 3D fix."),)
     time = receiver.time[fixed]
     speed, course, down = rows.columns("Spd", "GCrs", "VZ").T
-    course = np.radians(course)
-    velocity = np.column_stack((speed * np.cos(course), speed * np.sin(course), down))
+    velocity = velocity_of(speed, np.radians(course))
+    velocity[:, 2] = down
     velocity[~np.isfinite(velocity).all(axis=1)] = np.nan
     horizontal, vertical, of_speed, told = _matched(time, receiver.accuracies)
     std = np.column_stack((of_speed, of_speed, of_speed))
@@ -287,7 +284,7 @@ def _boot(rows: _Rows, time: FloatArray) -> float | None:
     told = week > 0.0
     if not told.any():
         return None
-    gps_us = (GPS_EPOCH_S + WEEK_S * week) * 1e6 + 1e3 * milliseconds
+    gps_us = 1e6 * gps_instant(week, 1e-3 * milliseconds)
     return float(np.median((gps_us - time)[told]))
 
 

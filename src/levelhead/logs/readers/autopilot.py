@@ -15,6 +15,7 @@ from levelhead.errors import LogError
 from levelhead.events import Event
 from levelhead.logs.pieces import ImuData, Stream
 from levelhead.logs.readers.base import Source, choose
+from levelhead.logs.readers.receivers import dropped
 
 Bytes = NDArray[np.uint8]
 Records = NDArray[Any]
@@ -23,9 +24,6 @@ MAX_BRIDGED: Final = 3.0
 """Readings are interpolated between samples that lie at most this many of the usual intervals apart."""
 MIN_RATE_HZ: Final = 20.0
 """Streams below this rate were logged for a look at the sensor, not for navigation."""
-VERTICAL_STD: Final = 0.05
-MIN_VERTICAL_STD_M_S: Final = 0.5
-"""What a vehicle's unknown vertical velocity is taken for: zero, give or take this share of its speed, or this."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +93,7 @@ def imu_data(imu: ImuStream, *, name: str, boot_us: float | None, time_scale: st
         accel=readings.accel[whole],
         time_scale=None if boot_us is None else time_scale,
     )
-    detail = f"{without} IMU samples that lack a reading of the accelerometer, or are marked as unhealthy."
-    return data, (Event(code="W_DROPPED", count=without, detail=detail),) if without else ()
+    return data, dropped(without, "IMU samples that lack a reading of the accelerometer, or are marked as unhealthy")
 
 
 def gather(data: Bytes, starts: Sequence[int], dtype: np.dtype[Any]) -> Records:
@@ -132,23 +129,6 @@ def paired(time: FloatArray, gyro: FloatArray, accel_time: FloatArray, accel: Fl
     result = np.column_stack([np.interp(time, of, column) for column in values.T])
     result[steps[after - 1] > MAX_BRIDGED * np.median(steps)] = np.nan
     return Readings(time, gyro, result)
-
-
-def without_vertical(
-    velocity: FloatArray, std: FloatArray, unknown: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray, tuple[Event, ...]]:
-    """Return velocity and sigma (m, 3), m/s, NED, and an event, where the receiver tells no vertical velocity.
-
-    It is then zero with a wide sigma (`VERTICAL_STD`): a vehicle drives along the ground.
-    """
-    unknown = unknown & np.isfinite(velocity[:, :2]).all(axis=1)
-    if not unknown.any():
-        return velocity, std, ()
-    velocity, std = velocity.copy(), std.copy()
-    velocity[unknown, 2] = 0.0
-    speed = np.hypot(velocity[unknown, 0], velocity[unknown, 1])
-    std[unknown, 2] = np.maximum(MIN_VERTICAL_STD_M_S, VERTICAL_STD * speed)
-    return velocity, std, (Event(code="I_VELOCITY_2D", count=int(unknown.sum())),)
 
 
 class Parameters:

@@ -37,9 +37,6 @@ SINCE_1970: Final = (UTC, GPST)
 """Units of a time column that is seconds since 1970 in that time scale."""
 
 _NAME_AND_UNIT = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\]]*)\])?\s*")
-_LEAST_VERTICAL_STD: Final = 0.5
-_VERTICAL_STD_SHARE: Final = 0.05
-"""A road of 5 % changes the height by this share of the speed."""
 MAX_NAMES_SHOWN: Final = 16
 """Column names that an error lists at most."""
 
@@ -189,12 +186,6 @@ def pieces_from_table(table: Table) -> Pieces:
         imu = ImuData(time=time[imu_rows], gyro=gyro, accel=accel, wheel_speed=wheel_speed, time_scale=table.time_scale)
     gnss = _gnss(table, gnss_rows) if gnss_rows.any() else None
     return Pieces(imu=imu, gnss=gnss, left_out=table.left_out)
-
-
-def unmeasured_vertical_std(speed: FloatArray) -> FloatArray:
-    """Return the sigma of a vertical velocity that was taken as zero because the receiver tells none, m/s."""
-    wide: FloatArray = np.maximum(_LEAST_VERTICAL_STD, _VERTICAL_STD_SHARE * speed)
-    return wide
 
 
 def _present(table: Table, names: Sequence[str]) -> BoolArray:

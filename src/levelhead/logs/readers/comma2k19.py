@@ -21,6 +21,7 @@ from levelhead.events import Event, merge_events
 from levelhead.logs.datum import ELLIPSOIDAL, HEIGHT_KEY
 from levelhead.logs.pieces import GnssData, ImuData, Pieces, Stream
 from levelhead.logs.readers.base import Reader, Source, choose
+from levelhead.logs.readers.receivers import dropped, unmeasured_vertical_std, velocity_of
 
 LOG: Final = "processed_log"
 GYROS: Final = {"gyro_uncalibrated": "as measured", "gyro": "less Android's estimate of its bias"}
@@ -33,8 +34,6 @@ HELD_S: Final = 0.05
 """Samples of two sensors that are further apart than this do not belong together, s."""
 JITTER_S: Final = 0.25
 """A receiver whose UTC and stamps differ by more than this, apart from a constant, is stamped as it came, s."""
-VERTICAL_SIGMA: Final = (0.5, 0.05)
-"""Sigma of a vertical velocity that nobody tells: at least this much, m/s, and this share of the speed."""
 COMPENSATED: Final = (
     "Android took its own estimate of the gyro bias off the readings; what is estimated here is the rest of the gyro "
     "bias (the stream gyro_uncalibrated has the readings as measured)."
@@ -206,10 +205,7 @@ def _imu(log: Path, name: str) -> tuple[ImuData, list[Event], int]:
         force = accel.value
     else:
         force, known = _at(time, accel)
-        if not known.all():
-            alone = int((~known).sum())
-            detail = f"{alone} gyro samples without acceleration."
-            events.append(Event(code="W_DROPPED", count=alone, detail=detail))
+        events += dropped(int((~known).sum()), "gyro samples without acceleration")
         time, rates, force = time[known], rates[known], force[known]
     wheel, wheel_cut = _wheel_speed(log, time)
     return ImuData(time=time, gyro=rates, accel=force, wheel_speed=wheel), events, cut + wheel_cut
@@ -274,20 +270,15 @@ def _joined_gnss(segments: Sequence[FloatArray]) -> tuple[GnssData, list[Event]]
     _, latitude, longitude, _, speed, _ = fixes.T
     fixed = np.isfinite(fixes).all(axis=1) & ((latitude != 0.0) | (longitude != 0.0))
     fixed &= (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 180.0) & (speed >= 0.0)
-    events: list[Event] = []
-    if not fixed.all():
-        count = int((~fixed).sum())
-        events.append(Event(code="W_DROPPED", count=count, detail=f"{count} GNSS records without a fix."))
+    events = [*dropped(int((~fixed).sum()), "GNSS records without a fix")]
     time, latitude, longitude, height, speed, bearing = fixes[fixed].T
-    course, floor_and_share = np.radians(bearing), VERTICAL_SIGMA
-    vertical = np.maximum(floor_and_share[0], floor_and_share[1] * speed)
     unknown = np.full(time.size, np.nan)
     if time.size:
         events.append(Event(code="I_VELOCITY_2D", count=int(time.size)))
     gnss = GnssData(
         time=time,
-        velocity_ned=np.column_stack((speed * np.cos(course), speed * np.sin(course), np.zeros(time.size))),
-        velocity_std=np.column_stack((unknown, unknown, vertical)),
+        velocity_ned=velocity_of(speed, np.radians(bearing)),
+        velocity_std=np.column_stack((unknown, unknown, unmeasured_vertical_std(speed))),
         position_llh=np.column_stack((np.radians(latitude), np.radians(longitude), height)),
     )
     return gnss, events

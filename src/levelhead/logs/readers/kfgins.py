@@ -22,6 +22,7 @@ from levelhead.logs.datum import ELLIPSOIDAL, HEIGHT_KEY
 from levelhead.logs.pieces import GnssData, ImuData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import find_layout, is_text, read_numbers
+from levelhead.logs.readers.receivers import known_std
 from levelhead.logs.timescales import WEEK_S
 
 BoolArray = NDArray[np.bool_]
@@ -316,7 +317,7 @@ def _gnss(name: str, rows: FloatArray) -> GnssData:
 
 
 def _sigma(values: FloatArray) -> FloatArray | None:
-    return none_if_absent(np.where(values > 0.0, values, np.nan))
+    return none_if_absent(known_std(values))
 
 
 READER: Final = Reader(name="kfgins", title="KF-GINS text or binary", sniff=sniff, read=read)

@@ -22,6 +22,7 @@ from levelhead.errors import LogError
 from levelhead.events import Event
 from levelhead.logs.pieces import FLU_TO_FRD, GnssData, ImuData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
+from levelhead.logs.readers.receivers import dropped, known_std
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -93,9 +94,8 @@ def read(source: Source) -> Pieces:
     imu = ImuData(time=time, gyro=values[:, _GYRO] * flip, accel=values[:, _ACCEL] * flip)
     gnss, events = _epochs(time, values)
     left_out, damaged = _damage(source.path.name, samples, stamps, bad_stamps)
-    lost = int((np.isnan(stamps) & ~bad_stamps).sum())
-    if lost:
-        events = (*events, Event(code="W_DROPPED", count=lost, detail=f"{lost} samples to which KITTI gives no time."))
+    unstamped = int((np.isnan(stamps) & ~bad_stamps).sum())
+    events = (*events, *dropped(unstamped, "samples to which KITTI gives no time"))
     return Pieces(
         imu=None if source.role == "gnss" else imu,
         gnss=gnss,
@@ -206,11 +206,7 @@ def _numbers(line: bytes) -> list[float]:
 def _epochs(time: FloatArray, values: FloatArray) -> tuple[GnssData, tuple[Event, ...]]:
     """Return the INS's velocities and positions at no more than one in `GNSS_PERIOD_S`, and what was left out."""
     solved = ~np.isin(values[:, _NAVSTAT], _NO_SOLUTION)
-    events: list[Event] = []
-    unsolved = int((~solved).sum())
-    if unsolved:
-        detail = f"{unsolved} velocities from before the INS had found its state."
-        events.append(Event(code="W_DROPPED", count=unsolved, detail=detail))
+    events = [*dropped(int((~solved).sum()), "velocities from before the INS had found its state")]
     rows = np.flatnonzero(solved)
     rows = rows[np.argsort(time[rows], kind="stable")]
     kept = rows[_thinned(time[rows])]
@@ -240,7 +236,7 @@ def _thinned(time: FloatArray) -> IntArray:
 
 def _horizontal(accuracy: FloatArray) -> FloatArray | None:
     """Return sigmas (m, 3): KITTI declares those of north and east, none of down."""
-    known = np.where(accuracy > 0.0, accuracy, np.nan)
+    known = known_std(accuracy)
     return none_if_absent(np.column_stack((known, known, np.full_like(known, np.nan))))
 
 

@@ -15,6 +15,7 @@ from levelhead.logs.mapping import ECEF_COLUMNS, ECEF_VELOCITY_COLUMNS, UP_COLUM
 from levelhead.logs.pieces import GnssData, ImuData, Pieces
 from levelhead.logs.readers.base import Source, Table
 from levelhead.logs.readers.columns import pieces_from_table
+from levelhead.logs.readers.receivers import dropped
 
 Numbers = Callable[[TableMapping], Table]
 """Gets the columns of a section out of the file, as they stand there, under the mapping's names."""
@@ -94,11 +95,7 @@ def _from_ecef(table: Table) -> tuple[Table, tuple[Event, ...]]:
         lost |= np.isnan(ned[:, 0]) & np.isfinite(velocity).all(axis=1)
         columns |= dict(zip(VELOCITY_COLUMNS, ned.T, strict=True))
     columns = _without_place(columns, llh)
-    count = int(lost.sum())
-    if not count:
-        return replace(table, columns=columns), ()
-    detail = f"{count} GNSS epochs without a position."
-    return replace(table, columns=columns), (Event(code="W_DROPPED", count=count, detail=detail),)
+    return replace(table, columns=columns), dropped(int(lost.sum()), "GNSS epochs without a position")
 
 
 def _without_place(columns: dict[str, FloatArray], llh: FloatArray) -> dict[str, FloatArray]:

@@ -27,6 +27,7 @@ from levelhead.logs.pieces import GnssData, ImuData, Pieces
 from levelhead.logs.readers.base import Reader, Source, Table
 from levelhead.logs.readers.mapped import mapped_pieces
 from levelhead.logs.readers.matlab_file import MAGIC, MatFile, Value, open_mat
+from levelhead.logs.readers.receivers import dropped
 
 IMU, IMU_COLUMNS = "IMU", 9
 RTK, RTK_COLUMNS = "RTK", 8
@@ -183,10 +184,7 @@ def _gnss(rows: FloatArray) -> tuple[GnssData, tuple[Event, ...]]:
         sigma[rows[:, 1] == quality] = value
     llh = llh_from_ecef(rows[:, 2:5])
     usable: NDArray[np.bool_] = np.isfinite(sigma) & np.isfinite(llh[:, 0]) & np.isfinite(rows).all(axis=1)
-    events: tuple[Event, ...] = ()
-    if not usable.all():
-        count = int((~usable).sum())
-        events = (Event(code="W_DROPPED", count=count, detail=f"{count} epochs of {RTK} without a fix."),)
+    events = dropped(int((~usable).sum()), f"epochs of {RTK} without a fix")
     llh = llh[usable]
     gnss = GnssData(
         time=rows[usable, 0],

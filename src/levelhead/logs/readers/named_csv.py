@@ -33,7 +33,6 @@ from levelhead.logs.readers.columns import (
     MAX_NAMES_SHOWN,
     pieces_from_table,
     split_unit,
-    unmeasured_vertical_std,
 )
 from levelhead.logs.readers.csv_table import CsvLayout, find_layout, guess_layout, is_text, read_numbers
 from levelhead.logs.readers.foreign_names import (
@@ -51,6 +50,7 @@ from levelhead.logs.readers.foreign_names import (
     factor_of,
     understand,
 )
+from levelhead.logs.readers.receivers import dropped, known_std, unmeasured_vertical_std, velocity_of
 from levelhead.logs.readers.stamps import GNSS_INTERVALS_S, IMU_INTERVALS_S, are_unix, unit_of_stamps
 from levelhead.logs.timescales import GPST, UTC
 
@@ -243,7 +243,7 @@ def _refuse_weightless(name: str, columns: Mapping[str, FloatArray]) -> None:
 
 def _useful_rows(columns: dict[str, FloatArray], events: list[Event]) -> BoolArray:
     """Complete the velocity, blank what is no fix, and return the rows that hold anything; count what goes."""
-    dropped = np.zeros(columns[TIME_COLUMN].size, dtype=np.bool_)
+    unused = np.zeros(columns[TIME_COLUMN].size, dtype=np.bool_)
     _complete_velocity(columns, events)
     gnss = [c for c in (*VELOCITY_COLUMNS, *POSITION_COLUMNS) if c in columns]
     if gnss:
@@ -251,16 +251,15 @@ def _useful_rows(columns: dict[str, FloatArray], events: list[Event]) -> BoolArr
         none = there & _without_fix(columns)
         stale = there & ~none & _repeated(columns, gnss, there)
         for bad, why in ((none, "GNSS rows without a fix"), (stale, "GNSS values repeated from row to row")):
-            if bad.any():
-                events.append(Event(code="W_DROPPED", count=int(bad.sum()), detail=f"{int(bad.sum())} {why}."))
-        dropped = none | stale
+            events += dropped(int(bad.sum()), why)
+        unused = none | stale
         for column in gnss:
-            columns[column] = np.where(dropped, np.nan, columns[column])
+            columns[column] = np.where(unused, np.nan, columns[column])
     used = [c for c in (*IMU_COLUMNS, *gnss) if c in columns]
     rows = _any_number(columns, used)
-    empty = int((~rows & ~dropped).sum())
-    if IMU_COLUMNS[0] in columns and empty:
-        events.append(Event(code="W_DROPPED", count=empty, detail=f"{empty} rows without any of the columns."))
+    empty = int((~rows & ~unused).sum())
+    if IMU_COLUMNS[0] in columns:
+        events += dropped(empty, "rows without any of the columns")
     return rows
 
 
@@ -284,9 +283,9 @@ def _complete_velocity(columns: dict[str, FloatArray], events: list[Event]) -> N
         course = np.where(np.isnan(course) & (speed == 0.0), 0.0, course)
         # A negative speed is that of a receiver that does not know it.
         known = (speed >= 0.0) & np.isfinite(course)
-        course = np.where(known, course, 0.0)
-        columns[_NORTH_EAST[0]] = np.where(known, speed * np.cos(course), np.nan)
-        columns[_NORTH_EAST[1]] = np.where(known, speed * np.sin(course), np.nan)
+        velocity = velocity_of(speed, np.where(known, course, 0.0))
+        for column, values in zip(_NORTH_EAST, velocity.T, strict=False):
+            columns[column] = np.where(known, values, np.nan)
     if _NORTH_EAST[0] in columns and VELOCITY_COLUMNS[2] not in columns:
         north, east = (columns[c] for c in _NORTH_EAST)
         with np.errstate(over="ignore"):
@@ -321,7 +320,7 @@ def _with_deviations(gnss: GnssData, columns: Mapping[str, FloatArray]) -> GnssD
     used = [c for c in (*VELOCITY_COLUMNS, *POSITION_COLUMNS) if c in columns]
     rows = _any_number(columns, used)
     known = {
-        c: np.where(columns[c][rows] > 0.0, columns[c][rows], np.nan)
+        c: known_std(columns[c][rows])
         for c in (SPEED_STD, VELOCITY_STD_COLUMN, POSITION_STD_H, POSITION_STD_V, _VERTICAL_STD)
         if c in columns
     }

@@ -22,6 +22,7 @@ from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, WGS84, declared
 from levelhead.logs.pieces import GnssData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.nmea_sentences import DAY_S, Sentences, checksum, scan
+from levelhead.logs.readers.receivers import dropped, known_std, unmeasured_vertical_std, velocity_of
 from levelhead.logs.timescales import UTC, continued
 
 Rows = NDArray[np.intp]
@@ -60,13 +61,11 @@ def read(source: Source) -> Pieces:
             "and RMC."
         )
     fixed = epochs.fixed()
-    events = [] if fixed.all() else [_dropped(int((~fixed).sum()), "NMEA epochs without a GNSS fix")]
+    events = [*dropped(int((~fixed).sum()), "NMEA epochs without a GNSS fix")]
     if not fixed.any():
         raise LogError(f"{name}: none of {fixed.size} epochs has a GNSS fix.")
-    if found.odd:
-        events.append(_dropped(found.odd, "lines that are no NMEA sentences"))
-    if epochs.repeated:
-        events.append(_dropped(epochs.repeated, "sentences that repeat the time of others of their kind"))
+    events += dropped(found.odd, "lines that are no NMEA sentences")
+    events += dropped(epochs.repeated, "sentences that repeat the time of others of their kind")
     ned, ned_std = epochs.velocities()
     moving = int(np.isfinite(ned[fixed]).all(axis=1).sum())
     if moving:
@@ -93,10 +92,6 @@ def read(source: Source) -> Pieces:
         events=tuple(events),
         undeclared=() if epochs.dated and epochs.sure else ("clock",),
     )
-
-
-def _dropped(count: int, what: str) -> Event:
-    return Event(code="W_DROPPED", count=count, detail=f"{what}: {count}.")
 
 
 def _damage(name: str, found: Sentences) -> str:
@@ -177,18 +172,18 @@ class _Epochs:
 
     def position_std(self) -> FloatArray:
         """Return the sigmas of latitude, longitude and height, m; NaN where none is told."""
-        return np.where(self._gst > 0.0, self._gst, np.nan)
+        return known_std(self._gst)
 
     def velocities(self) -> tuple[FloatArray, FloatArray]:
         """Return velocities NED, the vertical one zero, and their sigmas, of which only the vertical one is known."""
         speed, course = (self._rmc[:, 1:3] if self._vtg is None else self._vtg).T
         # At a walk or less the course may be empty: the velocity is then zero within the speed.
         still = np.isnan(course) & (speed < _SLOW)
-        ned = np.column_stack((speed * np.cos(course), speed * np.sin(course), np.zeros(speed.size)))
+        ned = velocity_of(speed, course)
         ned[still] = 0.0
         ned[np.isnan(ned[:, 0])] = np.nan
         std = np.full(ned.shape, np.nan)
-        std[:, 2] = np.maximum(0.5, 0.05 * speed)
+        std[:, 2] = unmeasured_vertical_std(speed)
         std[still, :2] = np.maximum(speed[still], 0.05)[:, np.newaxis]
         return ned, std
 
@@ -216,8 +211,7 @@ class _Epochs:
         placed = np.flatnonzero(np.isfinite(llh).all(axis=1))
         errors = []
         for way in (first, second):
-            speed, course = way[placed].T
-            ned = np.column_stack((speed * np.cos(course), speed * np.sin(course)))
+            ned = velocity_of(*way[placed].T)[:, :2]
             step_s = np.diff(self.time[placed])[:, np.newaxis]
             driven = steps_ned(llh[placed])[:, :2] - 0.5 * step_s * (ned[1:] + ned[:-1])
             errors.append((driven**2).sum(axis=1))

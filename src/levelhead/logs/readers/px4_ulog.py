@@ -34,9 +34,9 @@ from levelhead.logs.readers.autopilot import (
     columns,
     imu_data,
     paired,
-    without_vertical,
 )
 from levelhead.logs.readers.base import Reader, Source, choose
+from levelhead.logs.readers.receivers import dropped, known_std, without_vertical
 from levelhead.logs.readers.ulog import MAGIC, Topic, UlogFile
 from levelhead.logs.timescales import UTC
 
@@ -318,10 +318,7 @@ def _gnss(records: Records) -> tuple[GnssData | None, float | None, str, tuple[E
     there = (np.abs(llh[:, 0]) <= 90.0) & (np.abs(llh[:, 1]) <= 180.0) & np.isfinite(llh[:, 2])
     fixed = (records["fix_type"] >= _MIN_FIX) & there
     records, llh = records[fixed], llh[fixed]
-    events: list[Event] = []
-    without = int((~fixed).sum())
-    if without:
-        events.append(Event(code="W_DROPPED", count=without, detail=f"{without} GNSS epochs without a 3D fix."))
+    events = dropped(int((~fixed).sum()), "GNSS epochs without a 3D fix")
     velocity = columns(records, ["vel_n_m_s", "vel_e_m_s", "vel_d_m_s"])
     velocity[(records["vel_ned_valid"] == 0) | ~np.isfinite(velocity).all(axis=1)] = np.nan
     std = _sigmas(records, ["s_variance_m_s"] * 3)
@@ -345,8 +342,7 @@ def _gnss(records: Records) -> tuple[GnssData | None, float | None, str, tuple[E
 
 def _sigmas(records: Records, names: Sequence[str]) -> FloatArray:
     """Return standard deviations (m, 3), for that is what PX4 means by s_variance, eph and epv; 0 is unknown."""
-    sigmas = columns(records, names)
-    return np.where((sigmas > 0.0) & np.isfinite(sigmas), sigmas, np.nan)
+    return known_std(columns(records, names))
 
 
 def _boot(records: Records) -> float | None:

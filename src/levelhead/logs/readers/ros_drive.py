@@ -20,6 +20,7 @@ from levelhead.events import Event
 from levelhead.logs.datum import DATUM_KEY, ELLIPSOIDAL, HEIGHT_KEY, WGS84, declared
 from levelhead.logs.pieces import FLU_TO_FRD, Fact, GnssData, ImuData, Pieces, Stream, none_if_absent
 from levelhead.logs.readers.base import Source, choose
+from levelhead.logs.readers.receivers import known_std, without_vertical
 from levelhead.logs.readers.ros_files import Extent
 from levelhead.logs.readers.ros_messages import (
     LAYOUTS,
@@ -363,8 +364,7 @@ class _Drive:
         # A receiver measures a vertical velocity of exactly zero now and then, not always.
         flat = whole.any() and not velocity[whole, 2].any() and velocity[whole, :2].any()
         if flat and not np.isfinite(std[whole, 2]).any():
-            speed = np.hypot(velocity[:, 0], velocity[:, 1])
-            std[whole, 2] = np.maximum(0.5, 0.05 * speed[whole])
+            velocity, std, _ = without_vertical(velocity, std, whole)
             self._flat += int(whole.sum())
         return velocity, std
 
@@ -445,8 +445,7 @@ def _ned(enu: FloatArray) -> FloatArray:
 
 def _deviations(variances: FloatArray) -> FloatArray:
     """Return sigmas, NED, of variances, ENU; ROS writes 0 or -1 where none is known."""
-    known = np.where((variances > 0.0) & np.isfinite(variances), variances, np.nan)
-    return np.sqrt(known[:, (1, 0, 2)])
+    return np.sqrt(known_std(variances)[:, (1, 0, 2)])
 
 
 def _nearest(sorted_stamps: IntArray, wanted: IntArray) -> IntArray:

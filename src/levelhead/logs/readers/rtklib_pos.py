@@ -20,7 +20,8 @@ from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, declared
 from levelhead.logs.pieces import GnssData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
-from levelhead.logs.timescales import GPS_EPOCH_S, WEEK_S
+from levelhead.logs.readers.receivers import known_std
+from levelhead.logs.timescales import gps_instant
 
 TextArray = NDArray[np.str_]
 
@@ -139,7 +140,7 @@ def _times(name: str, tokens: TextArray, numbers_of: Sequence[int]) -> FloatArra
     """Return seconds since 1970: from ``yyyy/mm/dd hh:mm:ss.sss``, or from GPS week and second of the week."""
     if "/" not in tokens[0, 0]:
         week = _numbers(name, "week", tokens[:, 0], numbers_of)
-        return GPS_EPOCH_S + WEEK_S * week + _numbers(name, "second of the week", tokens[:, 1], numbers_of)
+        return gps_instant(week, _numbers(name, "second of the week", tokens[:, 1], numbers_of))
     stamps = [f"{day.replace('/', '-')}T{clock}" for day, clock in tokens[:, :2]]
     try:
         instants = np.array(stamps, dtype="datetime64[us]")
@@ -191,7 +192,7 @@ def _triple(values: dict[str, FloatArray], names: tuple[str, str, str], *, down:
 def _deviations(values: dict[str, FloatArray], names: tuple[str, str, str]) -> FloatArray | None:
     """Return standard deviations; RTKLIB writes 0 where it knows none."""
     triple = _triple(values, names)
-    return None if triple is None else none_if_absent(np.where(triple > 0.0, triple, np.nan))
+    return None if triple is None else none_if_absent(known_std(triple))
 
 
 READER: Final = Reader(name="rtklib-pos", title="RTKLIB solution (.pos)", sniff=sniff, read=read)

@@ -17,9 +17,10 @@ from levelhead.conventions import UNIT_FACTORS, FloatArray
 from levelhead.errors import LogError
 from levelhead.events import Event
 from levelhead.logs.datum import MEAN_SEA_LEVEL, declared
-from levelhead.logs.pieces import GnssData, ImuData, Pieces, Stream
+from levelhead.logs.pieces import GnssData, ImuData, Pieces, Stream, none_if_absent
 from levelhead.logs.readers.base import Reader, Source, choose
 from levelhead.logs.readers.csv_table import guess_layout, is_text, read_numbers
+from levelhead.logs.readers.receivers import dropped, known_std
 
 _FIRST: Final = ("timestamp", "status")
 _IMU: Final = ("accelX", "accelY", "accelZ", "gyroX", "gyroY", "gyroZ")
@@ -78,7 +79,7 @@ def read(source: Source) -> Pieces:
     )
     chosen = choose(streams, source.gnss, name=source.path.name)
     parts = [] if chosen is None else files[chosen.name]
-    events = tuple(f.event for f in parts if f.event is not None)
+    events = tuple(event for f in parts for event in f.events)
     imu = None
     if imu_file is not None and source.role == "imu":
         accel, gyro = imu_file.columns(_IMU[:3]), imu_file.columns(_IMU[3:]) * UNIT_FACTORS["rad/s"]["deg/s"]
@@ -107,7 +108,7 @@ class _File:
     time: FloatArray
     values: dict[str, FloatArray]
     left_out: int
-    event: Event | None = None
+    events: tuple[Event, ...] = ()
 
     def columns(self, names: tuple[str, ...]) -> FloatArray:
         """Return columns side by side, NaN where the file has them not."""
@@ -181,11 +182,9 @@ def _read_gnss(path: Path) -> _File:
     codes += [None] * (file.time.size - len(codes))
     good = np.array([c is not None and not c & _SOLUTION_MASK and bool(c >> 6 & _SOLUTION_MASK) for c in codes], bool)
     lost = int((~good).sum())
-    event = None
-    if lost:
-        event = Event(code="W_DROPPED", count=lost, detail=f"{lost} rows of {path.name} without a solution.")
     values = {n: v[good] for n, v in file.values.items()}
-    return replace(file, time=file.time[good], values=values, event=event)
+    events = dropped(lost, f"rows of {path.name} without a solution")
+    return replace(file, time=file.time[good], values=values, events=events)
 
 
 def _status(cell: bytes) -> int | None:
@@ -221,17 +220,11 @@ def _joined(parts: list[_File], start: float | None) -> GnssData | None:
     position[:, :2] = np.radians(position[:, :2])
     return GnssData(
         time=whole.time,
-        velocity_ned=velocity if np.isfinite(velocity).any() else None,
-        velocity_std=_known(whole.columns(_VELOCITY_STD)) if np.isfinite(velocity).any() else None,
-        position_llh=position if np.isfinite(position).any() else None,
-        position_std=_known(whole.columns(_POSITION_STD)) if np.isfinite(position).any() else None,
+        velocity_ned=none_if_absent(velocity),
+        velocity_std=none_if_absent(known_std(whole.columns(_VELOCITY_STD))) if np.isfinite(velocity).any() else None,
+        position_llh=none_if_absent(position),
+        position_std=none_if_absent(known_std(whole.columns(_POSITION_STD))) if np.isfinite(position).any() else None,
     )
-
-
-def _known(std: FloatArray) -> FloatArray | None:
-    """Return deviations, NaN where they are not positive; None where none is."""
-    known = np.where(std > 0.0, std, np.nan)
-    return known if np.isfinite(known).any() else None
 
 
 READER: Final = Reader(name="sbg", title="SBG text export", sniff=sniff, read=read)

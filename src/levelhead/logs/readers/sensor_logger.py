@@ -26,8 +26,8 @@ from levelhead.events import Event
 from levelhead.logs.datum import ELLIPSOIDAL, WGS84, declared
 from levelhead.logs.pieces import GnssData, ImuData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
-from levelhead.logs.readers.columns import unmeasured_vertical_std
 from levelhead.logs.readers.csv_table import guess_layout, read_numbers
+from levelhead.logs.readers.receivers import dropped, known_std, unmeasured_vertical_std, velocity_of
 from levelhead.logs.timescales import UTC
 
 _GYROS: Final = ("GyroscopeUncalibrated.csv", "Gyroscope.csv")
@@ -96,9 +96,7 @@ def read(source: Source) -> Pieces:
     lost = int((~whole).sum())
     if not whole.any():
         raise LogError(f"{path.name}: gyroscope and accelerometer were not recorded at the same time.")
-    if lost:
-        detail = f"{lost} turn rates without accelerations before and behind them."
-        events = (*events, Event(code="W_DROPPED", count=lost, detail=detail))
+    events = (*events, *dropped(lost, "turn rates without accelerations before and behind them"))
     imu = ImuData(time=gyro.time[whole], gyro=gyro.values[whole], accel=readings[whole] * sign_and_unit, time_scale=UTC)
     return Pieces(
         imu=imu,
@@ -293,9 +291,7 @@ def _location(members: _Members) -> tuple[GnssData | None, tuple[Event, ...], in
     known = np.isfinite(columns["latitude"]) & np.isfinite(columns["longitude"])
     known &= (np.abs(columns["latitude"]) <= 90.0) & (np.abs(columns["longitude"]) <= 180.0)
     lost = int((~known).sum())
-    events = (
-        [Event(code="W_DROPPED", count=lost, detail=f"{lost} rows of {_LOCATION} without a place.")] if lost else []
-    )
+    events = [*dropped(lost, f"rows of {_LOCATION} without a place")]
     columns = {n: np.where(np.isfinite(v[known]), v[known], np.nan) for n, v in columns.items()}
     if not known.any():
         return None, tuple(events), left_out
@@ -304,16 +300,16 @@ def _location(members: _Members) -> tuple[GnssData | None, tuple[Event, ...], in
     unknown = (bearing < 0.0) | np.isnan(bearing) | ((bearing == 0.0) & ~(columns["bearingAccuracy"] > 0.0))
     moving = (speed >= 0.0) & ((speed == 0.0) | ~unknown)
     course = np.where(unknown, 0.0, np.radians(bearing))
-    velocity = np.column_stack((speed * np.cos(course), speed * np.sin(course), np.zeros_like(speed)))
+    velocity = velocity_of(speed, course)
     velocity[~moving] = np.nan
     across = speed * np.radians(np.where(columns["bearingAccuracy"] > 0.0, columns["bearingAccuracy"], 0.0))
-    along = _positive(columns["speedAccuracy"])
-    horizontal = np.where(moving, np.fmax(along, np.where(across > 0.0, across, np.nan)), np.nan)
+    along = known_std(columns["speedAccuracy"])
+    horizontal = np.where(moving, np.fmax(along, known_std(across)), np.nan)
     vertical = np.where(moving, unmeasured_vertical_std(speed), np.nan)
     position = np.column_stack((np.radians(columns["latitude"]), np.radians(columns["longitude"]), columns["altitude"]))
     position[np.isnan(position).any(axis=1)] = np.nan
-    radius = np.where(np.isfinite(position[:, 0]), _positive(columns["horizontalAccuracy"]), np.nan)
-    height = np.where(np.isfinite(position[:, 0]), _positive(columns["verticalAccuracy"]), np.nan)
+    radius = np.where(np.isfinite(position[:, 0]), known_std(columns["horizontalAccuracy"]), np.nan)
+    height = np.where(np.isfinite(position[:, 0]), known_std(columns["verticalAccuracy"]), np.nan)
     if moving.any():
         events.append(Event(code="I_VELOCITY_2D", count=int(moving.sum())))
     gnss = GnssData(
@@ -325,10 +321,6 @@ def _location(members: _Members) -> tuple[GnssData | None, tuple[Event, ...], in
         time_scale=UTC,
     )
     return gnss, tuple(events), left_out
-
-
-def _positive(values: FloatArray) -> FloatArray:
-    return np.where(values > 0.0, values, np.nan)
 
 
 READER: Final = Reader(name="sensor-logger", title="Sensor Logger (phone app)", sniff=sniff, read=read)

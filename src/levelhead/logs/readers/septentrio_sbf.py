@@ -21,6 +21,7 @@ from levelhead.logs.datum import ELLIPSOIDAL, WGS84, declared
 from levelhead.logs.pieces import GnssData, ImuData, Pieces, Stream, none_if_absent
 from levelhead.logs.readers.base import Reader, Source, choose
 from levelhead.logs.readers.frames import Bytes, Frames, Places, Protocol, Scan, scan
+from levelhead.logs.readers.receivers import dropped, held_height, known_std
 from levelhead.logs.timescales import GPS_EPOCH_S, GPST, WEEK_S
 
 Structured = NDArray[np.void]
@@ -188,9 +189,7 @@ def _gnss(name: str, found: Scan, events: list[Event]) -> tuple[GnssData | None,
     """Return the epochs with a solution, and the datum of their positions."""
     pvt, instants = _blocks(found, PVT)
     fixed = np.isin(pvt["mode"] & 0x0F, _FIXES) & (pvt["error"] == 0)
-    lost = found.frames[PVT].at.size - int(fixed.sum())
-    if lost:
-        events.append(_left_out(lost, "PVTGeodetic without a solution"))
+    events += dropped(found.frames[PVT].at.size - int(fixed.sum()), "PVTGeodetic blocks without a solution")
     if not fixed.any():
         return None, None
     pvt, instants = pvt[fixed], instants[fixed]
@@ -201,10 +200,7 @@ def _gnss(name: str, found: Scan, events: list[Event]) -> tuple[GnssData | None,
         )
     ned = _table(pvt, "vn", "ve", "vu") * (1.0, 1.0, -1.0)
     ned[np.isnan(ned).any(axis=1)] = np.nan
-    ned_std = _deviations(found, VELOCITY_COV, instants)
-    flat = (pvt["mode"] & _FLAT) > 0
-    wide = np.maximum(0.5, 0.05 * np.hypot(ned[:, 0], ned[:, 1]))
-    ned_std[flat, 2] = np.fmax(ned_std[flat, 2], wide[flat])
+    ned_std = held_height(ned, _deviations(found, VELOCITY_COV, instants), (pvt["mode"] & _FLAT) > 0)
     llh = _table(pvt, "lat", "lon", "height")
     llh[np.isnan(llh).any(axis=1)] = np.nan
     llh_std = np.where(np.isnan(llh), np.nan, _deviations(found, POSITION_COV, instants))
@@ -229,7 +225,7 @@ def _deviations(found: Scan, number: int, instants: NDArray[np.int64]) -> FloatA
         near = np.clip(np.searchsorted(unique, instants), 0, unique.size - 1)
         same = (unique[near] == instants) & (blocks["error"][first[near]] == 0)
         variance = _table(blocks[first[near[same]]], "n", "e", "u")
-        std[same] = np.sqrt(np.where(variance > 0.0, variance, np.nan))
+        std[same] = np.sqrt(known_std(variance))
     return std
 
 
@@ -266,8 +262,7 @@ def _imu(source: Source, frames: Frames, events: list[Event]) -> tuple[ImuData |
     sets, instants = measured.sets[used], measured.instants[used]
     values = np.where(np.abs(sets["xyz"]) < _ABSENT, sets["xyz"], np.nan)
     good = ((sets["info"] & _UNUSABLE) == 0) & np.isfinite(values).all(axis=1)
-    if not good.all():
-        events.append(_left_out(int((~good).sum()), "ExtSensorMeas, saturated, scrambled or absent"))
+    events += dropped(int((~good).sum()), "measurements of ExtSensorMeas that are saturated, scrambled or absent")
     sensors = np.unique(sets["source"][good])
     made = {}
     for number in sensors.tolist():
@@ -279,10 +274,7 @@ def _imu(source: Source, frames: Frames, events: list[Event]) -> tuple[ImuData |
     if stream is None:
         return None, []
     imu, alone = made[stream.name]
-    if alone:
-        events.append(
-            _left_out(alone, f"{stream.name}, a rate without an acceleration, the other way round, or repeated")
-        )
+    events += dropped(alone, f"measurements of {stream.name} without the other kind of the same time, or repeated")
     return (imu, streams) if imu.time.size > 1 else (None, [])
 
 
@@ -297,10 +289,6 @@ def _samples(kind: NDArray[np.uint8], values: FloatArray, instants: NDArray[np.i
         time_scale=GPST,
     )
     return imu, kind.size - 2 * common.size
-
-
-def _left_out(count: int, what: str) -> Event:
-    return Event(code="W_DROPPED", count=count, detail=f"{what}: {count}.")
 
 
 READER: Final = Reader(name="septentrio-sbf", title="Septentrio SBF", sniff=sniff, read=read)

@@ -21,6 +21,7 @@ from levelhead.logs.datum import ELLIPSOIDAL, declared
 from levelhead.logs.pieces import GnssData, ImuData, Pieces, Stream, none_if_absent
 from levelhead.logs.readers.base import Reader, Source, choose
 from levelhead.logs.readers.frames import Bytes, Places, Protocol, Scan, scan
+from levelhead.logs.readers.receivers import dropped, held_height
 from levelhead.logs.readers.ubx_esf import MEAS, RAW, assemble, readings_of, wheel_speed
 from levelhead.logs.timescales import GPS_EPOCH_S, GPST, WEEK_S, continued
 
@@ -243,10 +244,8 @@ def _epochs(found: Scan, events: list[Event]) -> _Epochs | None:
         finer = 1e-9 * status.values["ftow"]
     time = continued(1e-3 * itow, week_start, dated, WEEK_S) + np.where(dated, finer, 0.0)
     fixed = np.isin(status.values["fix"], _FIXES) & ((status.values["flags"] & 1) > 0)
-    if not fixed.all():
-        count = int((~fixed).sum())
-        detail = f"{_BASES[message]} without a fix{'' if message == PVT else ' in NAV-SOL'}: {count}."
-        events.append(Event(code="W_DROPPED", count=count, detail=detail))
+    of_sol = "" if message == PVT else " in NAV-SOL"
+    events += dropped(int((~fixed).sum()), f"{_BASES[message]} messages without a fix{of_sol}")
     if not fixed.any():
         return None
     flat = status.values["fix"] == _FLAT
@@ -299,8 +298,7 @@ def _velocities(rows: _Rows, unit: float, flat: NDArray[np.bool_]) -> tuple[Floa
     """Return velocities NED and their sigmas, m/s; of 2D fixes the vertical one is wide."""
     ned = rows.metres("vn", "ve", "vd", unit=unit)
     std = rows.metres("sacc", "sacc", "sacc", unit=unit)
-    wide = np.maximum(0.5, 0.05 * np.hypot(ned[:, 0], ned[:, 1]))
-    std[flat, 2] = np.fmax(std[flat, 2], wide[flat])
+    std = held_height(ned, std, flat)
     std[(std <= 0.0) | (std >= _UNKNOWN_M)] = np.nan
     return ned, std
 
@@ -313,32 +311,22 @@ def _imu(
     if epochs is None:
         if providers:
             count = sum(readings.value.size for readings in providers)
-            events.append(_left_out(count, "sensor readings whose time no GNSS epoch in the file tells"))
+            events += dropped(count, "sensor readings whose time no GNSS epoch in the file tells")
         return None, []
     made = {r.name: found_imu for r in providers if (found_imu := assemble(r, epochs.at, epochs.gnss.time)) is not None}
     streams = [Stream(kind="imu", name=n, samples=m.imu.time.size, note=m.note) for n, m in made.items()]
     stream = choose(streams, source.imu, name=source.path.name)
     if stream is None:
-        count = found.frames[INS].at.size
-        if count:
-            events.append(_left_out(count, "ESF-INS, whose accelerations are free of gravity"))
+        events += dropped(found.frames[INS].at.size, "ESF-INS messages, whose accelerations are free of gravity")
         return None, []
     chosen = made[stream.name]
-    for count, what in (
-        (chosen.unplaced, "samples whose time no fix tells"),
-        (chosen.incomplete, "readings without the other axes, or repeated"),
-    ):
-        if count:
-            events.append(_left_out(count, f"{stream.name}, {what}"))
+    events += dropped(chosen.unplaced, f"samples of {stream.name} whose time no fix tells")
+    events += dropped(chosen.incomplete, f"readings of {stream.name} without the other axes, or repeated")
     speed = np.full(chosen.imu.time.size, np.nan)
     for readings in providers:
         told = wheel_speed(readings, epochs.at, epochs.gnss.time, chosen.imu.time)
         speed = np.where(np.isnan(speed), told, speed)
     return replace(chosen.imu, wheel_speed=none_if_absent(speed), time_scale=epochs.gnss.time_scale), streams
-
-
-def _left_out(count: int, what: str) -> Event:
-    return Event(code="W_DROPPED", count=count, detail=f"{what}: {count}.")
 
 
 READER: Final = Reader(name="ublox-ubx", title="u-blox UBX", sniff=sniff, read=read)

@@ -23,7 +23,8 @@ from levelhead.logs.datum import ELLIPSOIDAL, declared
 from levelhead.logs.pieces import Fact, GnssData, ImuData, Pieces, Stream, none_if_absent
 from levelhead.logs.readers.base import Reader, Source, choose
 from levelhead.logs.readers.csv_table import CsvLayout, guess_layout, is_text, read_numbers
-from levelhead.logs.timescales import GPS_EPOCH_S, GPST, WEEK_S
+from levelhead.logs.readers.receivers import dropped, known_std
+from levelhead.logs.timescales import GPS_EPOCH_S, GPST, WEEK_S, gps_instant
 
 BoolArray = NDArray[np.bool_]
 
@@ -113,7 +114,7 @@ def read(source: Source) -> Pieces:
     streams = tuple(Stream(kind="gnss", name=n, samples=g.time.size, note=note) for n, (g, _, note) in epochs.items())
     real = [s for s in streams if s.name != _FILTER]
     chosen = choose(real if real and source.gnss is None else streams, source.gnss, name=path.name)
-    gnss, dropped = (None, None) if chosen is None else epochs[chosen.name][:2]
+    gnss, without_fix = (None, ()) if chosen is None else epochs[chosen.name][:2]
     if gnss is not None and not gnss.time.size:
         gnss = None
     compensated = imu_names is not None and not all(n.startswith("uncomp") for n in imu_names)
@@ -122,7 +123,7 @@ def read(source: Source) -> Pieces:
         imu=imu,
         gnss=gnss,
         left_out=numbers.left_out,
-        events=(*events, *([dropped] if dropped is not None else [])),
+        events=(*events, *without_fix),
         streams=streams,
         compensated=COMPENSATED if compensated and imu is not None else "",
         undeclared=undeclared,
@@ -190,9 +191,8 @@ def _stamped(name: str, columns: Mapping[str, FloatArray]) -> tuple[_Table, tupl
     known = np.isfinite(absolute)
     if known.mean() > 0.5 or (known.any() and _STARTUP not in columns):
         lost = int((~known).sum())
-        detail = f"{lost} rows from before the GPS time was known."
         rows = {k: v[known] for k, v in columns.items()}
-        events = (Event(code="W_DROPPED", count=lost, detail=detail),) if lost else ()
+        events = dropped(lost, "rows from before the GPS time was known")
         return _Table(columns=rows, time=absolute[known], scale=GPST), events
     if _STARTUP in columns:
         return _Table(columns=columns, time=columns[_STARTUP] * _NS, scale=None), ()
@@ -206,10 +206,12 @@ def _instant(week: FloatArray, tow: FloatArray) -> FloatArray:
     finite = tow[np.isfinite(tow)]
     in_ns = finite.size > 0 and float(finite.max()) > WEEK_S
     seconds = tow * _NS if in_ns else tow
-    return np.where(week > 0.0, GPS_EPOCH_S + WEEK_S * week + seconds, np.nan)
+    return np.where(week > 0.0, gps_instant(week, seconds), np.nan)
 
 
-def _epochs(table: _Table, name: str, columns: Mapping[str, tuple[str, ...]]) -> tuple[GnssData, Event | None, str]:
+def _epochs(
+    table: _Table, name: str, columns: Mapping[str, tuple[str, ...]]
+) -> tuple[GnssData, tuple[Event, ...], str]:
     """Return the epochs of one receiver: rows repeat its last fix until the next one."""
     values = {kind: np.column_stack([table.columns[c] for c in names]) for kind, names in columns.items()}
     there = np.isfinite(values["velocity"]).all(axis=1)
@@ -237,13 +239,12 @@ def _epochs(table: _Table, name: str, columns: Mapping[str, tuple[str, ...]]) ->
     gnss = GnssData(
         time=time[new],
         velocity_ned=values["velocity"][new],
-        velocity_std=_positive(sigma[new]),
+        velocity_std=none_if_absent(known_std(sigma[new])),
         position_llh=None if position is None else none_if_absent(position),
-        position_std=None if position is None or position_std is None else _positive(position_std[new]),
+        position_std=None if position is None or position_std is None else none_if_absent(known_std(position_std[new])),
         time_scale=table.scale,
     )
-    event = Event(code="W_DROPPED", count=lost, detail=f"{lost} rows of {name} without a fix.") if lost else None
-    return gnss, event, note
+    return gnss, dropped(lost, f"rows of {name} without a fix"), note
 
 
 def _aided(table: _Table) -> BoolArray:
@@ -267,10 +268,6 @@ def _apart(time: FloatArray, good: BoolArray) -> BoolArray:
 def _first(table: _Table, names: Sequence[str]) -> FloatArray:
     """Return the first of some columns that the file has, NaN where it has none."""
     return table.column(next((n for n in names if n in table.columns), names[0]))
-
-
-def _positive(std: FloatArray) -> FloatArray | None:
-    return none_if_absent(np.where(std > 0.0, std, np.nan))
 
 
 READER: Final = Reader(name="vectornav", title="VectorNav CSV export", sniff=sniff, read=read)

@@ -22,6 +22,7 @@ from levelhead.logs.datum import ELLIPSOIDAL, declared
 from levelhead.logs.pieces import GnssData, ImuData, Pieces, none_if_absent
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
+from levelhead.logs.readers.receivers import dropped, known_std
 from levelhead.logs.readers.stamps import GNSS_INTERVALS_S, IMU_INTERVALS_S, unit_of_stamps
 from levelhead.logs.readers.vectornav import COMPENSATED
 
@@ -174,7 +175,7 @@ def _floats(texts: Sequence[bytes], width: int) -> FloatArray:
 def _fixes(found: _Messages, factor: float) -> tuple[GnssData | None, tuple[Event, ...]]:
     good = found.fields[:, _FIX] >= _LOWEST_FIX
     lost = int((~good).sum())
-    events = (Event(code="W_DROPPED", count=lost, detail=f"{lost} GNSS messages without a fix."),) if lost else ()
+    events = dropped(lost, "GNSS messages without a fix")
     if not good.any():
         return None, events
     rows = found.fields[good]
@@ -183,9 +184,9 @@ def _fixes(found: _Messages, factor: float) -> tuple[GnssData | None, tuple[Even
     gnss = GnssData(
         time=found.stamps[good] * factor,
         velocity_ned=rows[:, _VELOCITY : _VELOCITY + 3],
-        velocity_std=none_if_absent(np.where(speed > 0.0, speed, np.nan)),
+        velocity_std=none_if_absent(known_std(speed)),
         position_llh=np.column_stack((np.radians(llh[:, :2]), llh[:, 2])),
-        position_std=none_if_absent(np.where(sigma > 0.0, sigma, np.nan)),
+        position_std=none_if_absent(known_std(sigma)),
     )
     return gnss, events
 
