@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 
+def printable(text: str) -> str:
+    """Return a text in which what would not show is replaced: bytes of a hostile file must not command a terminal."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else "\ufffd" for c in text)
+
+
 class LevelheadError(Exception):
     """Base of all errors that levelhead raises on purpose; ``exit_code`` is what the command line returns."""
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class UsageError(LevelheadError, ValueError):

@@ -5,18 +5,20 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable
-from typing import Final
+from typing import Final, Literal
 
 SEED: Final = 20250627
 
 _EXTREME_TEXTS: Final = (
-    b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"1e999", b"99999999999999999999", b"-0", b"0x10", b"", b"-",
-    b"1_0", b"\xd9\xa1", b'"', b'""', b"#", b"%", b"=1+1", b"\x1b[2J", b"\xc2\x9b2J", b"9" * 400, b"\xef\xbb\xbf", b"\0",
+    b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"1e999", b"99999999999999999999", b"-0", b"0x10",
+    b"", b"-", b"1_0", b"\xd9\xa1", b'"', b'""', b"#", b"%", b"=1+1", b"\x1b[2J", b"\xc2\x9b2J", b"9" * 400,
+    b"\xef\xbb\xbf", b"\0",
 )  # fmt: skip
 _EXTREME_BYTES: Final = b"\x00\x01\x7f\x80\xfe\xff\n\r,;\"'-+.eE9 \t#%\xb5b$\x24"
 _NUMBER: Final = re.compile(rb"[-+]?\d[\d.eE+-]*")
+_ORDERS: Final[tuple[Literal["little"], Literal["big"]]] = ("little", "big")
 _EDGE: Final = 2048
-"""Half of all positions lie within so many bytes of the beginning or the end, where formats keep what decides, bytes."""
+"""Half of all positions lie within so many bytes of the beginning or the end, where formats keep what decides."""
 
 
 def cuts(content: bytes, number: int) -> list[int]:
@@ -28,8 +30,8 @@ def cuts(content: bytes, number: int) -> list[int]:
 
 
 def mutate(content: bytes, number: int, *, seed: int = SEED) -> tuple[bytes, int]:
-    """Return the file with one to four mutations, the same for the same number and seed, and how many bytes they hit."""
-    chance = random.Random(f"{seed} {number}")  # noqa: S311: nothing is secret here
+    """Return the file with one to four mutations, the same for one number and seed, and how many bytes they hit."""
+    chance = random.Random(f"{seed} {number}")  # noqa: S311  # nothing is secret here
     hit = 0
     for _ in range(chance.choice((1, 1, 1, 2, 4))):
         content, more = chance.choice(_MUTATIONS)(content, chance)
@@ -92,7 +94,7 @@ def _fill(content: bytes, chance: random.Random) -> tuple[bytes, int]:
 
 def _extreme_integer(content: bytes, chance: random.Random) -> tuple[bytes, int]:
     """Put an extreme integer where a length or a count may stand: where there is a small one."""
-    order = chance.choice(("little", "big"))
+    order = _ORDERS[chance.randrange(2)]
     width = chance.choice((1, 2, 4, 8))
     if len(content) < width:
         return content, 0
@@ -112,7 +114,9 @@ def _extreme_text(content: bytes, chance: random.Random) -> tuple[bytes, int]:
     found = _NUMBER.search(content, at, at + 256)
     if found is None:
         return _extreme_integer(content, chance)
-    return content[: found.start()] + chance.choice(_EXTREME_TEXTS) + content[found.end() :], found.end() - found.start()
+    return content[: found.start()] + chance.choice(_EXTREME_TEXTS) + content[
+        found.end() :
+    ], found.end() - found.start()
 
 
 _MUTATIONS: Final[tuple[Callable[[bytes, random.Random], tuple[bytes, int]], ...]] = (

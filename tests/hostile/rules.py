@@ -124,7 +124,7 @@ def attempt(sample: Sample, listener: Listener, *, limit_s: float = LIMIT_S) -> 
             refusal = str(error) or "(no sentence)"
         except TooLong:
             fault = f"took longer than {limit_s:g} s"
-        except (Exception, SystemExit) as error:  # noqa: BLE001: every one of them is what is looked for
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # each of them is what is looked for
             fault = _where(error)
     seconds = perf_counter() - begin
     if not fault and (said := listener.heard()):

@@ -19,9 +19,16 @@ units = { time = "ms", accel = "g", gyro = "deg/s" }
 axes = ["x", "-y", "-z"]
 
 [gnss]
-columns = { time = "stamp", lat = "latitude", lon = "longitude", height = "altitude", vel_n = "vn", vel_e = "ve", vel_u = "vu" }
 units = { vel = "km/h" }
-"""  # noqa: E501: one table is one line in TOML
+[gnss.columns]
+time = "stamp"
+lat = "latitude"
+lon = "longitude"
+height = "altitude"
+vel_n = "vn"
+vel_e = "ve"
+vel_u = "vu"
+"""
 
 CUT_UNSEEN = last_cell
 

@@ -17,7 +17,7 @@ HEADER = """\
 % program   : RTKLIB ver.2.4.3
 % (lat/lon/height=WGS84/ellipsoidal,Q=1:fix,2:float,3:sbas,4:dgps,5:single,6:ppp,ns=# of satellites)
 %  GPST                  latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)   sde(m)   sdu(m)  sdne(m)  sdeu(m)  sdun(m) age(s)  ratio    vn(m/s)    ve(m/s)    vu(m/s)      sdvn     sdve     sdvu    sdvne    sdveu    sdvun
-"""  # noqa: E501: RTKLIB writes it so
+"""  # noqa: E501  # RTKLIB writes it so
 GPST_AHEAD_S = 18
 """Leap seconds in 2025."""
 

@@ -8,7 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from levelhead.errors import LogError, UsageError
+import numpy as np
+
+from levelhead.errors import LogError, UsageError, printable
 from levelhead.events import Event
 from levelhead.logs.datum import check_agreement
 from levelhead.logs.log import Log
@@ -35,6 +37,8 @@ READERS: Final[dict[str, Reader]] = {
 SNIFFED_BYTES: Final = 65536
 
 
+# Numbers at the end of float's range overflow in any unit: what comes of it is infinite, and refused as such.
+@np.errstate(over="ignore", invalid="ignore")
 def read(
     path: PathLike,
     *,
@@ -123,8 +127,9 @@ def _known(parts: tuple[Pieces, ...]) -> dict[str, object]:
     """Return what the files together tell of the log, as entries of `Log.meta`."""
     whole = "malformed_record" if any(p.damaged for p in parts) else "complete"
     meta: dict[str, object] = {"completeness": "truncated" if any(p.left_out for p in parts) else whole}
-    streams = tuple(stream for p in parts for stream in p.streams)
-    compensated = " ".join(p.compensated for p in parts if p.compensated)
+    # Names and notes stand in the file: they must not command a terminal that lists them.
+    streams = tuple(replace(s, name=printable(s.name), note=printable(s.note)) for p in parts for s in p.streams)
+    compensated = printable(" ".join(p.compensated for p in parts if p.compensated))
     undeclared = tuple(fact for fact in FACTS if any(fact in p.undeclared for p in parts))
     entries = {"streams": streams, "compensated": compensated, "undeclared": undeclared}
     return {**meta, **{name: value for name, value in entries.items() if value}}

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError, UsageError
@@ -14,6 +14,9 @@ from levelhead.logs.mapping import GnssMapping, ImuMapping
 from levelhead.logs.pieces import Pieces, Stream
 
 Role = Literal["imu", "gnss"]
+
+MAX_TEXT_SHOWN: Final = 40
+"""Characters of a piece of a file that an error shows at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,3 +131,8 @@ def choose(streams: Sequence[Stream], wanted: str | None, *, name: str) -> Strea
     what = "IMU" if not streams or streams[0].kind == "imu" else "GNSS receiver"
     have = ", ".join(f"{s.name} ({s.samples} samples)" for s in streams) or "none"
     raise LogError(f"{name} has no {what} called {wanted!r}; choose one of: {have}.")
+
+
+def shown(text: str) -> str:
+    """Return a piece of a file as an error shows it: in quotation marks, and not all of it where it is long."""
+    return repr(text if len(text) <= MAX_TEXT_SHOWN else text[:MAX_TEXT_SHOWN] + "...")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -10,8 +11,9 @@ from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, declared
 from levelhead.logs.pieces import Pieces
-from levelhead.logs.readers.base import Reader, Source, Table
+from levelhead.logs.readers.base import Reader, Source, Table, shown
 from levelhead.logs.readers.columns import find_columns, pieces_from_table
+from levelhead.logs.timescales import TIME_SCALES
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
@@ -29,6 +31,9 @@ MAX_VALUES: Final = 500_000_000
 """Numbers that are read at most (4 GB): more is a mistake or an attack."""
 MAX_ROWS_PER_BYTE: Final = 20
 """No advancing time stamps compress so well: a file that claims more rows is a decompression bomb."""
+
+MAX_REASON: Final = 200
+"""Characters of the library's own words that an error shows at most."""
 
 
 def sniff(_path: Path, head: bytes) -> bool:
@@ -49,10 +54,11 @@ def read(source: Source) -> Pieces:
 
     path = source.path
     try:
-        with pq.ParquetFile(path) as file:
+        # Checksums of pages, where the file has them: our own has.
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return _read(source, file)
     except (pa.ArrowException, OSError) as error:
-        reason = str(error).splitlines()[0].rstrip(".")
+        reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")[:MAX_REASON]
         raise LogError(
             f"{path.name}: the Parquet file is damaged or cut short ({reason}). Its index stands at the end, so that "
             "nothing can be saved of a cut one; copy or export it again."
@@ -82,6 +88,11 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     scaled: dict[str, FloatArray] = {}
     for column, found in columns.items():
         data = file.read(columns=[schema.names[found.index]], use_threads=False).column(0)
+        if len(data) != rows:
+            raise LogError(
+                f"{name}: the column {column} has {len(data)} rows where {rows} are declared; the file is damaged, "
+                "copy or export it again."
+            )
         values = data.cast("float64").to_numpy()
         scaled[column] = values if found.factor == 1.0 else values * found.factor
     pieces = pieces_from_table(Table(name=name, columns=scaled, where=lambda row: f"row {row + 1}"))
@@ -98,6 +109,11 @@ def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:
         meta["earth_rotation"] = False
     text = {entry: _decoded(metadata[key]) for entry, key in TEXT_KEYS.items() if key in metadata}
     if "gnss_time_scale" in text:
+        if text["gnss_time_scale"] not in TIME_SCALES:
+            raise LogError(
+                f"{name}: the metadata levelhead.gnss_time_scale is {shown(str(text['gnss_time_scale']))}; it must be "
+                f"one of {', '.join(TIME_SCALES)}."
+            )
         meta["gnss_time_scale"] = text["gnss_time_scale"]
     return {**meta, **declared(name, datum=text.get(DATUM_KEY), height=text.get(HEIGHT_KEY))}
 
@@ -114,9 +130,12 @@ def _decoded(value: bytes | None) -> str | None:
 
 def _epoch(name: str, text: str) -> float:
     try:
-        return float(text)
+        epoch = float(text)
     except ValueError:
-        raise LogError(f"{name}: the metadata levelhead.epoch is {text!r}; it must be a number of seconds.") from None
+        epoch = math.nan
+    if not math.isfinite(epoch):
+        raise LogError(f"{name}: the metadata levelhead.epoch is {shown(text)}; it must be a number of seconds.")
+    return epoch
 
 
 READER: Final = Reader(name="parquet", title="canonical Parquet", sniff=sniff, read=read)

@@ -18,17 +18,18 @@ import numpy as np
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
+from levelhead.logs.readers.base import shown
 
 _LINE_END: Final = b"\r\n"
 _BLANK: Final = frozenset({"", "nan", "NaN", "NA", "null", "NULL", "N/A", "#N/A", "n/a", "-nan", "-NaN"})
 """Cells that mean "absent": those of the list of pyarrow that occur in practice."""
-_NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?)\s*", re.IGNORECASE)
-_PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*")
+_NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?)\s*", re.IGNORECASE | re.ASCII)
+_PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*", re.ASCII)
 LAYOUT_LINES: Final = 5
 """Lines whose columns are counted where no header names them."""
 MAX_LAYOUT_BYTES: Final = 65536
-MAX_TEXT_SHOWN: Final = 40
-"""Characters of a bad cell that an error shows at most."""
+LINES_ABOVE: Final = 50
+"""Lines that the last one is held against where its end is missing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +153,9 @@ def read_numbers(
         cut = body.find(b"\n") + 1
         start, body, first_line, left_out = start + cut, body[cut:] if cut else b"", first_line + 1, left_out + 1
     ends_early = not ended and (
-        last.endswith(layout.delimiter.encode()) or _steps_back(body, layout, wanted[time_column])
+        last.endswith(layout.delimiter.encode())
+        or _steps_back(body, layout, wanted[time_column])
+        or (len(layout.names) - 1 in wanted.values() and _lost_digits(body, layout))
     )
     if body and (ends_early or _is_cut(last, layout, wanted)):
         body = body[: body.rfind(b"\n") + 1]
@@ -203,7 +206,7 @@ def _explain(name: str, body: bytes, layout: CsvLayout, wanted: Mapping[str, int
             if not _is_number(cells[index]):
                 column = layout.names[index] if layout.header else f"number {layout.names[index]}"
                 return (
-                    f"{name}, line {number}: the column {column} holds the text {_shown(cells[index])} where a number "
+                    f"{name}, line {number}: the column {column} holds the text {shown(cells[index])} where a number "
                     "is expected; repair or remove the line."
                 )
     return f"{name}: the text cannot be parsed as CSV ({reason}); check the export."
@@ -229,6 +232,14 @@ def _steps_back(body: bytes, layout: CsvLayout, index: int) -> bool:
     return float(texts[1][index]) <= float(texts[0][index])
 
 
+def _lost_digits(body: bytes, layout: CsvLayout) -> bool:
+    """Return whether the last number has fewer decimals than those above it: 9.8 under numbers like 9.81 was cut."""
+    lines = [line for line in body[-MAX_LAYOUT_BYTES:].split(b"\n")[-LINES_ABOVE - 1 :] if line.strip(_LINE_END)]
+    rows = [cells for cells in (_cells(line, layout.delimiter) for line in lines) if len(cells) == len(layout.names)]
+    decimals = [len(row[-1].strip().partition(".")[2]) for row in rows if row[-1].strip()]
+    return len(decimals) > 1 and decimals[-1] < min(decimals[:-1])
+
+
 def _line(body: bytes, *, first: bool) -> bytes:
     """Return the first or the last line that is not blank."""
     body = body.strip(_LINE_END)
@@ -246,7 +257,3 @@ def _cells(line: bytes, delimiter: str) -> Sequence[str]:
 
 def _is_number(text: str) -> bool:
     return text.strip() in _BLANK or _NUMBER.fullmatch(text) is not None
-
-
-def _shown(text: str) -> str:
-    return repr(text if len(text) <= MAX_TEXT_SHOWN else text[:MAX_TEXT_SHOWN] + "...")

@@ -18,7 +18,7 @@ from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, declared
 from levelhead.logs.pieces import GnssData, Pieces, none_if_absent
-from levelhead.logs.readers.base import Reader, Source
+from levelhead.logs.readers.base import Reader, Source, shown
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.timescales import GPS_EPOCH_S, WEEK_S
 
@@ -29,6 +29,10 @@ _COLUMN_LINE = re.compile(rb"^%\s*(GPST|UTC|JST)\b(.*)$", re.MULTILINE)
 _DATUM_LINE = re.compile(rb"^%\s*\(lat/lon/height=([^/,)\r\n]*)/([^,)\r\n]*)", re.MULTILINE)
 _HEIGHTS: Final = {"ellipsoidal": ELLIPSOIDAL, "geodetic": MEAN_SEA_LEVEL}
 """RTKLIB's words for what heights count from; "geodetic" are those over its geoid model."""
+_STAMP: Final = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d*)?", re.ASCII)
+_IN_NUMBERS: Final = frozenset("0123456789+-.eE")
+MAX_WORD: Final = 40
+"""Characters of a number or a time at most; RTKLIB writes 15."""
 _POSITION: Final = ("latitude", "longitude", "height")
 
 
@@ -132,6 +136,11 @@ def _tokens(name: str, lines: Sequence[bytes], numbers_of: Sequence[int], width:
                 f"{name}, line {number}: the line has {len(row)} columns where {width} are expected; repair or remove "
                 "the line."
             )
+        # An array of texts gives each of them the room of the longest.
+        if max(map(len, row)) > MAX_WORD:
+            raise LogError(
+                f"{name}, line {number}: the word {shown(max(row, key=len))} is no number; repair or remove the line."
+            )
     return np.array(rows, dtype=np.str_).reshape(len(rows), width)
 
 
@@ -142,16 +151,21 @@ def _times(name: str, tokens: TextArray, numbers_of: Sequence[int]) -> FloatArra
         return GPS_EPOCH_S + WEEK_S * week + _numbers(name, "second of the week", tokens[:, 1], numbers_of)
     stamps = [f"{day.replace('/', '-')}T{clock}" for day, clock in tokens[:, :2]]
     try:
+        if not all(map(_STAMP.fullmatch, stamps)):
+            raise ValueError
         instants = np.array(stamps, dtype="datetime64[us]")
     except ValueError:
         bad = next(k for k, stamp in enumerate(stamps) if not _is_instant(stamp))
         raise LogError(
-            f"{name}, line {numbers_of[bad]}: {' '.join(tokens[bad, :2])!r} is not a time; repair or remove the line."
+            f"{name}, line {numbers_of[bad]}: {shown(' '.join(tokens[bad, :2]))} is not a time; repair or remove the "
+            "line."
         ) from None
     return instants.astype(np.int64).astype(np.float64) / 1e6
 
 
 def _is_instant(text: str) -> bool:
+    if _STAMP.fullmatch(text) is None:
+        return False
     try:
         np.datetime64(text, "us")
     except ValueError:
@@ -161,6 +175,9 @@ def _is_instant(text: str) -> bool:
 
 def _numbers(name: str, column: str, texts: TextArray, numbers_of: Sequence[int]) -> FloatArray:
     try:
+        # Python would also take 1_0 and the digits of other scripts.
+        if not _IN_NUMBERS.issuperset("".join(texts.tolist())):
+            raise ValueError
         values = texts.astype(np.float64)
     except ValueError:
         values = np.array([_number_or_nan(text) for text in texts])
@@ -168,15 +185,15 @@ def _numbers(name: str, column: str, texts: TextArray, numbers_of: Sequence[int]
     if bad.size:
         k = int(bad[0])
         raise LogError(
-            f"{name}, line {numbers_of[k]}: the column {column} holds {str(texts[k])!r} where a number is expected; "
-            "repair or remove the line."
+            f"{name}, line {numbers_of[k]}: the column {column} holds {shown(str(texts[k]))} where a number is "
+            "expected; repair or remove the line."
         )
     return values
 
 
 def _number_or_nan(text: str) -> float:
     try:
-        return float(text)
+        return float(text) if _IN_NUMBERS.issuperset(text) else float("nan")
     except ValueError:
         return float("nan")
 
