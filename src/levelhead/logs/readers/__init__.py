@@ -19,6 +19,7 @@ from levelhead.logs.pieces import FACTS, Pieces, join
 from levelhead.logs.readers import canonical_csv, canonical_parquet, mapped_csv, rtklib_pos
 from levelhead.logs.readers.base import Reader, Source
 from levelhead.logs.readers.csv_table import is_text
+from levelhead.logs.readers.foreign_files import what_it_is
 from levelhead.logs.readers.siblings import find_sibling
 
 PathLike = str | os.PathLike[str]
@@ -84,7 +85,7 @@ def read(
         raise UsageError(f"The format {format!r} is not known; the formats are {', '.join(READERS)}.")
     main = Path(path)
     mapped = None if mapping is None else load_mapping(mapping)
-    receiver = str(gnss) if gnss is not None and not Path(gnss).exists() else None
+    receiver = str(gnss) if gnss is not None and not _exists(Path(gnss)) else None
     gnss_path = None if gnss is None or receiver is not None else Path(gnss)
     beside = find_sibling(main) if gnss is None else None
     imu_mapping, gnss_mapping = _sections(mapped, two_files=(gnss_path or beside) is not None)
@@ -176,6 +177,16 @@ def _read_file(source: Source, format_name: str | None) -> tuple[Pieces, Reader]
         return reader.read(source), reader
     except OSError as error:
         raise LogError(f"{path} cannot be read: {error.strerror or error}.") from error
+    except MemoryError as error:
+        raise LogError(f"{path.name} needs more memory than there is; split it, or free some.") from error
+
+
+def _exists(path: Path) -> bool:
+    """Return whether there is such a file; of a name that no file can have, False."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
 
 
 def _head(path: Path) -> bytes:
@@ -208,6 +219,8 @@ def _find_reader(path: Path, head: bytes, section: ImuMapping | GnssMapping | No
     known = ", ".join(reader.title for reader in READERS.values())
     if path.is_dir():
         raise LogError(f"{path} is a directory, and no log in a known layout of files; pass the log file itself.")
+    if what := what_it_is(head):
+        raise LogError(f"{path.name} is {what}.")
     if not is_text(head):
         raise LogError(f"{path.name}: the format is not known (binary data); levelhead reads {known}.")
     first = head.decode("utf-8", errors="replace").splitlines()[0][:60]

@@ -31,6 +31,10 @@ MAX_VALUES: Final = 500_000_000
 """Numbers that are read at most (4 GB): more is a mistake or an attack."""
 MAX_ROWS_PER_BYTE: Final = 20
 """No advancing time stamps compress so well: a file that claims more rows is a decompression bomb."""
+MAX_PACKED_VALUES: Final = 20_000_000
+"""Numbers (160 MB) up to which a file may be packed so well, or nearly."""
+MAX_UNPACKED_PER_BYTE: Final = 100
+MAX_GROUPS: Final = 100_000
 
 MAX_REASON: Final = 200
 """Characters of the library's own words that an error shows at most."""
@@ -73,11 +77,7 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     rows = file.metadata.num_rows
     units = [_decoded((schema.field(k).metadata or {}).get(UNIT_KEY)) for k in range(len(schema.names))]
     columns = find_columns(name, schema.names, units, role=source.role)
-    if rows * len(columns) > MAX_VALUES or rows > MAX_ROWS_PER_BYTE * source.path.stat().st_size:
-        raise LogError(
-            f"{name}: the file claims {rows} rows in {source.path.stat().st_size} bytes, which no log does or which is "
-            "too much to read at once; split it if it is real."
-        )
+    _check_size(name, file.metadata, len(columns), source.path.stat().st_size)
     for column, found in columns.items():
         kind = schema.field(found.index).type
         if not _is_numeric(kind):
@@ -99,6 +99,24 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     scaled.clear()
     pa.default_memory_pool().release_unused()
     return Pieces(imu=pieces.imu, gnss=pieces.gnss, meta=meta)
+
+
+def _check_size(name: str, metadata: pq.FileMetaData, columns: int, size: int) -> None:
+    """Refuse what would take more memory than a log of this size can need.
+
+    Few bytes that unpack to many values are fine while these are few enough; noise, of which readings consist, does not
+    pack to less than a byte for a whole row.
+    """
+    rows = metadata.num_rows
+    groups = [metadata.row_group(k) for k in range(min(metadata.num_row_groups, MAX_GROUPS + 1))]
+    unpacked = sum(group.total_byte_size for group in groups)
+    many = rows * columns > MAX_PACKED_VALUES and rows > size
+    bomb = many or rows > MAX_ROWS_PER_BYTE * size or unpacked > MAX_UNPACKED_PER_BYTE * size + MAX_PACKED_VALUES * 8
+    if bomb or rows * columns > MAX_VALUES or len(groups) > MAX_GROUPS:
+        raise LogError(
+            f"{name}: the file claims {rows} rows in {size} bytes, which no log does or which is too much to read at "
+            "once; split it if it is real."
+        )
 
 
 def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:

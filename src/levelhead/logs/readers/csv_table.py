@@ -28,6 +28,8 @@ _PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*", re.ASCII)
 LAYOUT_LINES: Final = 5
 """Lines whose columns are counted where no header names them."""
 MAX_LAYOUT_BYTES: Final = 65536
+MAX_LINE: Final = 1 << 20
+"""Bytes of a line that is looked into."""
 LINES_ABOVE: Final = 50
 """Lines that the last one is held against where its end is missing."""
 
@@ -247,6 +249,9 @@ def _line(body: bytes, *, first: bool) -> bytes:
 
 
 def _cells(line: bytes, delimiter: str) -> Sequence[str]:
+    if len(line) > MAX_LINE:
+        # No row of a log, whatever it is; as one cell it is refused with a sentence.
+        return [line[:MAX_LAYOUT_BYTES].decode("utf-8", errors="replace")]
     text = line.decode("utf-8", errors="replace").strip("\r\n")
     try:
         return next(csv.reader([text], delimiter=delimiter), [])

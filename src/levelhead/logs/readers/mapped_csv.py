@@ -10,8 +10,8 @@ from levelhead.conventions import TIME_COLUMN
 from levelhead.errors import LogError, UsageError
 from levelhead.logs.mapping import UP_COLUMN, TableMapping
 from levelhead.logs.pieces import GnssData, ImuData, Pieces
-from levelhead.logs.readers.base import Reader, Source, Table
-from levelhead.logs.readers.columns import MAX_NAMES_SHOWN, pieces_from_table
+from levelhead.logs.readers.base import Reader, Source, Table, content_of, shown_names
+from levelhead.logs.readers.columns import pieces_from_table
 from levelhead.logs.readers.csv_table import CsvLayout, find_layout, read_numbers
 
 
@@ -54,7 +54,7 @@ def read(source: Source) -> Pieces:
 def _read_table(source: Source, mapping: TableMapping, time_zero_s: float) -> Table:
     """Read the mapped columns into canonical names, units and signs."""
     path = source.path
-    content = path.read_bytes()
+    content = content_of(path)
     layout = find_layout(content, name=path.name, header=mapping.header, delimiter=mapping.delimiter)
     wanted = {column: _index(path.name, layout, target) for column, target in mapping.columns.items()}
     numbers = read_numbers(path, content, layout, wanted, time_column=TIME_COLUMN)
@@ -76,11 +76,10 @@ def _index(name: str, layout: CsvLayout, target: str | int) -> int:
         return target - 1
     count = layout.names.count(target)
     if count != 1:
-        shown = ", ".join(layout.names[:MAX_NAMES_SHOWN]) + (", ..." if len(layout.names) > MAX_NAMES_SHOWN else "")
         found = "is missing from" if count == 0 else "appears twice in"
         raise LogError(
-            f"{name}: the column {target!r} {found} the header (found: {shown}); check the mapping, and pass gnss= if "
-            "the GNSS data is in another file."
+            f"{name}: the column {target!r} {found} the header (found: {shown_names(layout.names)}); check the "
+            "mapping, and pass gnss= if the GNSS data is in another file."
         )
     return layout.names.index(target)
 

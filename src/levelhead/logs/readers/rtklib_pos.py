@@ -18,7 +18,7 @@ from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, declared
 from levelhead.logs.pieces import GnssData, Pieces, none_if_absent
-from levelhead.logs.readers.base import Reader, Source, shown
+from levelhead.logs.readers.base import Reader, Source, content_of, shown, shown_names
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.timescales import GPS_EPOCH_S, WEEK_S
 
@@ -51,7 +51,7 @@ def read(source: Source) -> Pieces:
         it, and on lines that are no solution.
     """
     name = source.path.name
-    content = source.path.read_bytes()
+    content = content_of(source.path)
     scale, names = _column_names(name, content)
     meta = _datum(name, content)
     lines, numbers_of, left_out = _solution_lines(content, len(names) + 2)
@@ -86,7 +86,7 @@ def _column_names(name: str, content: bytes) -> tuple[str, list[str]]:
     if "latitude(deg)" not in names or "longitude(deg)" not in names:
         raise LogError(
             f"{name}: the solutions are not latitude, longitude and height in degrees (the columns are "
-            f"{', '.join(names[:3])}); set RTKLIB's out-solformat = llh and out-degform = deg."
+            f"{shown_names(names[:3])}); set RTKLIB's out-solformat = llh and out-degform = deg."
         )
     return matches[-1].group(1).decode(), [n.partition("(")[0] for n in names]
 
