@@ -132,7 +132,7 @@ def attempt(sample: Sample, listener: Listener, *, limit_s: float = LIMIT_S) -> 
     if not fault and warned:
         fault = f"warned: {warned[0].category.__name__}: {str(warned[0].message)[:200]}"
     if not fault:
-        fault = _bad_sentence(refusal) if log is None else _bad_texts(log)
+        fault = bad_sentence(refusal) if log is None else bad_texts(log)
     return Outcome(log=None if fault else log, refusal=refusal, fault=fault, seconds=seconds)
 
 
@@ -158,7 +158,7 @@ def judge_cuts(sample: Sample, size: int, kept: Sequence[Kept]) -> list[tuple[in
     whole = sample.whole
     read = [k.length for k in kept if k.samples]
     begin = min(read, default=size)
-    if begin > size // 2:
+    if max((k.length for k in kept if k.length < begin), default=0) > size // 2:
         return [(begin, f"nothing is kept of a file cut to less than {begin} of {size} bytes")]
     found = []
     for k in kept:
@@ -239,7 +239,7 @@ def _where(error: BaseException) -> str:
     return f"{type(error).__name__}: {str(error)[:200]} ({places})"
 
 
-def _bad_sentence(text: str) -> str:
+def bad_sentence(text: str) -> str:
     """Say what keeps an error from being one printable sentence: hostile bytes must not reach a terminal."""
     if not text.isprintable():
         return f"the error is not printable: {text[:300]!r}"
@@ -250,7 +250,7 @@ def _bad_sentence(text: str) -> str:
     return ""
 
 
-def _bad_texts(log: Log) -> str:
+def bad_texts(log: Log) -> str:
     """Say which text of a log is not printable."""
     texts = [event.detail for event in log.events] + [v for v in log.meta.values() if isinstance(v, str)]
     streams = log.meta.get("streams", ())

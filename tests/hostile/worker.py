@@ -67,9 +67,10 @@ def scratch() -> tempfile.TemporaryDirectory[str]:
 
 def lengths(content: bytes, every: int) -> list[int]:
     """Return the lengths that a file is cut to."""
-    if len(content) <= every + LAST_BYTES:
+    last = min(every, LAST_BYTES)
+    if len(content) <= every + last:
         return list(range(len(content)))
-    return [*range(every), *range(len(content) - LAST_BYTES, len(content))]
+    return [*range(every), *range(len(content) - last, len(content))]
 
 
 def damaged(piece: Piece, content: bytes, number: int) -> tuple[bytes, int]:
