@@ -9,22 +9,26 @@ shows it.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import inspect
 import os
 import re
 import subprocess
 import sys
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
+from types import FunctionType
 from typing import Final
 
 TESTS: Final = Path(__file__).parent.parent
-MAX_BYTES: Final = 32_768
-"""Of the input; the smaller the sample, the faster the search."""
+SIZE: Final = 4096
+"""Bytes of a sample, about, where its writer takes a log: the smaller it is, the faster the search."""
 SEEDS: Final = 20
 HANGS_S: Final = 20
 MAX_RSS_MB: Final = 2000
 
-LIBRARIES: Final = ("levelhead.logs", "pyulog", "rosbags", "pyubx2", "pynmeagps", "pysbf2", "scipy.io.matlab")
+LIBRARIES: Final = ("levelhead.logs", "pyulog", "rosbags", "pyubx2", "pynmeagps", "pysbf2")
 """What is instrumented, where it is installed; pyarrow is C++ through and through."""
 
 
@@ -32,17 +36,20 @@ def target(name: str, number: int, folder: Path, seconds: float) -> None:
     """Search one file of one sample; does not return: libFuzzer ends the process, with 0 if nothing was found."""
     import atheris
 
-    with atheris.instrument_imports(include=list(LIBRARIES), enable_loader_override=False):
-        from hostile.cases import mutate
-        from hostile.rules import bad_sentence, bad_texts
-        from hostile.sample import prepare
-        from levelhead.errors import LevelheadError
+    # Comparisons of texts are followed, too. (Its hook for regular expressions breaks `match` with a position.)
+    atheris.enabled_hooks.add("str")
+    from hostile.cases import mutate
+    from hostile.rules import bad_sentence, bad_texts
+    from hostile.sample import prepare
+    from levelhead.errors import LevelheadError
 
-        # The readers import their libraries when they are first used: that must happen in here.
-        (folder / "sample").mkdir(parents=True)
-        sample = prepare(name, folder / "sample", size=MAX_BYTES // 2)
-        file = sample.files[number]
-        content, form = file.read_bytes(), sample.format
+    (folder / "sample").mkdir(parents=True)
+    sample = prepare(name, folder / "sample", size=SIZE)
+    file = sample.files[number]
+    content, form = file.read_bytes(), sample.format
+    # Now that the sample was read, all that reads it is imported. (atheris's hook for imports does not see what an
+    # editable installation imports.)
+    instrument()
     seeds = folder / "seeds"
     seeds.mkdir()
     for k, seed in enumerate([content, *(mutate(content, k)[0] for k in range(SEEDS))]):
@@ -68,19 +75,50 @@ def target(name: str, number: int, folder: Path, seconds: float) -> None:
         "max_total_time": int(seconds),
         "timeout": HANGS_S,
         "rss_limit_mb": MAX_RSS_MB,
-        "max_len": max(2 * len(content), MAX_BYTES),
+        "max_len": 2 * len(content) + 4096,
         "exact_artifact_path": found,
         "print_final_stats": 1,
     }
-    atheris.Setup([sys.argv[0], *(f"-{key}={value}" for key, value in settings.items()), str(seeds)], one)
+
+    def change(data: bytes, most: int, seed: int) -> bytes:
+        # Our own mutations know of lengths and numbers; libFuzzer's know what it has seen compared.
+        changed = mutate(data, seed)[0][:most] if seed & 1 else atheris.Mutate(data, most)
+        return bytes(changed)
+
+    arguments = [f"-{key}={value}" for key, value in settings.items()]
+    atheris.Setup([sys.argv[0], *arguments, str(seeds)], one, custom_mutator=change)
     atheris.Fuzz()
+
+
+def instrument() -> None:
+    """Let atheris see which lines run, in all functions of the readers and their libraries."""
+    import atheris
+
+    functions = set()
+    for name, module in list(sys.modules.items()):
+        if name.startswith(LIBRARIES):
+            owners = [module, *(thing for thing in vars(module).values() if inspect.isclass(thing))]
+            things = [thing for owner in owners for thing in _functions(owner)]
+            functions |= {f for f in things if (f.__module__ or "").startswith(LIBRARIES)}
+    for function in functions:
+        # Some have bytecode that atheris cannot take apart (Python's match).
+        with contextlib.suppress(Exception):
+            atheris.instrument_func(function)
+    say(f"{len(functions)} functions are watched")
+
+
+def _functions(owner: object) -> Iterator[FunctionType]:
+    """Yield the functions of a module or a class, those behind decorators included."""
+    for thing in vars(owner).values():
+        plain = getattr(thing, "__func__", getattr(thing, "fget", thing))
+        if inspect.isfunction(plain) or hasattr(plain, "__wrapped__"):
+            found = inspect.unwrap(plain)
+            if inspect.isfunction(found):
+                yield found
 
 
 def main() -> int:
     """Search all samples, one after the other, print a table, and return 1 where something was found."""
-    from hostile.sample import names, prepare
-    from hostile.worker import scratch
-
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("samples", nargs="*", help="names of samples; all by default")
     parser.add_argument("--seconds", type=float, default=60.0, help="for each sample")
@@ -89,6 +127,10 @@ def main() -> int:
     chosen = parser.parse_args()
     if chosen.target:
         target(chosen.target[0], int(chosen.target[1]), Path(chosen.target[2]), chosen.seconds)
+    # Not before: in the process of a target these must be imported while atheris watches.
+    from hostile.sample import names, prepare
+    from hostile.worker import scratch
+
     say(f"{'sample':20s}{'file':28s}{'runs':>9s}{'a second':>10s}{'MB':>7s}  found")
     bad = []
     for name in chosen.samples or names():

@@ -22,7 +22,7 @@ GPST_AHEAD_S: Final = 18.0
 """Leap seconds when the sample drive was driven."""
 MAX_FILES: Final = 6
 """Files of a folder that are damaged at most; a folder may have one for each epoch."""
-SHORTEST_S: Final = 4.0
+SHORTEST_S: Final = 1.0
 
 CutUnseen = Callable[[str, bytes, int], bool]
 
@@ -76,7 +76,7 @@ def names() -> list[str]:
     return sorted(name for name in found if hasattr(_module(name), "write"))
 
 
-def prepare(name: str, folder: Path, *, size: int | None = None) -> Sample:
+def prepare(name: str, folder: Path, *, size: int | None = None, log: Log | None = None) -> Sample:
     """Write a sample into an empty folder.
 
     Parameters
@@ -87,12 +87,14 @@ def prepare(name: str, folder: Path, *, size: int | None = None) -> Sample:
         Existing and empty.
     size : int, optional
         Bytes that the longest file should have about, where the sample's writer takes a log: the drive is cut short.
+    log : Log, optional
+        Another log than the sample drive, for a writer that takes one.
     """
     module = _module(name)
     inside = folder / "log"
     inside.mkdir()
-    log = sample_drive()
-    path = module.write(inside)
+    path = module.write(inside) if log is None else module.write(inside, log)
+    log = sample_drive() if log is None else log
     if size is not None and "log" in inspect.signature(module.write).parameters:
         longest = max(p.stat().st_size for p in inside.rglob("*") if p.is_file())
         if longest > size:

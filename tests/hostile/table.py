@@ -43,10 +43,11 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="where the tallies are")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--size", type=int, default=SIZE, help="of the sample, for --replay")
     parser.add_argument("--replay", nargs=2, metavar=("SAMPLE", "FILE"))
     chosen = parser.parse_args()
     if chosen.replay:
-        return replay(chosen.replay[0], Path(chosen.replay[1]))
+        return replay(chosen.replay[0], Path(chosen.replay[1]), chosen.size)
     folder = chosen.out / _state()
     folder.mkdir(parents=True, exist_ok=True)
     plans = {name: plan(name, chosen) for name in chosen.samples or names()}
@@ -197,10 +198,10 @@ def save_case(piece: Piece, number: int, folder: Path) -> str:
     return str(target)
 
 
-def replay(name: str, saved: Path) -> int:
+def replay(name: str, saved: Path, size: int) -> int:
     """Read the sample with one of its files replaced by a saved one of the same name; errors come with a traceback."""
     with scratch() as temporary:
-        sample = prepare(name, Path(temporary), size=SIZE)
+        sample = prepare(name, Path(temporary), size=size)
         file = next(f for f in sample.files if f.name == saved.name)
         file.write_bytes(saved.read_bytes())
         log = sample.read()

@@ -7,6 +7,7 @@ line; such a line is left out and counted. A bad line anywhere else is an error 
 from __future__ import annotations
 
 import csv
+import io
 import re
 import statistics
 from collections.abc import Mapping, Sequence
@@ -21,9 +22,11 @@ from levelhead.errors import LogError
 from levelhead.logs.readers.base import shown
 
 _LINE_END: Final = b"\r\n"
+_CONTROL: Final = bytes(c for c in range(32) if c not in b"\t\r\n")
 _BLANK: Final = frozenset({"", "nan", "NaN", "NA", "null", "NULL", "N/A", "#N/A", "n/a", "-nan", "-NaN"})
 """Cells that mean "absent": those of the list of pyarrow that occur in practice."""
 _NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?)\s*", re.IGNORECASE | re.ASCII)
+_NOT_LINE_END = re.compile(rb"[^\r\n]")
 _PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*", re.ASCII)
 LAYOUT_LINES: Final = 5
 """Lines whose columns are counted where no header names them."""
@@ -68,17 +71,19 @@ class CsvNumbers:
     def where(self, row: int) -> str:
         """Return "line 17" for a row (from 0); the file is read again to count its blank lines."""
         seen = -1
-        lines = self.path.read_bytes()[self.start :].split(b"\n")
-        for offset, line in enumerate(lines):
-            seen += bool(line.strip(_LINE_END))
-            if seen == row:
-                return f"line {self.first_line + offset}"
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            for offset, line in enumerate(file):
+                seen += bool(line.strip(_LINE_END))
+                if seen == row:
+                    return f"line {self.first_line + offset}"
         return f"row {row + 1}"
 
 
 def is_text(head: bytes) -> bool:
     """Return whether the beginning of a file is text: UTF-8 without control characters."""
-    if any(c < 32 and c not in b"\t\r\n" for c in head.rstrip(b"\0")):
+    body = head.rstrip(b"\0")
+    if len(body.translate(None, _CONTROL)) < len(body):
         return False
     try:
         head.decode("utf-8")
@@ -195,7 +200,7 @@ def _parse(
 
 def _explain(name: str, body: bytes, layout: CsvLayout, wanted: Mapping[str, int], first_line: int, reason: str) -> str:
     """Return the sentence for the first line that pyarrow cannot take."""
-    for number, line in enumerate(body.split(b"\n"), first_line):
+    for number, line in enumerate(io.BytesIO(body), first_line):
         if not line.strip(_LINE_END):
             continue
         cells = _cells(line, layout.delimiter)
@@ -244,8 +249,15 @@ def _lost_digits(body: bytes, layout: CsvLayout) -> bool:
 
 def _line(body: bytes, *, first: bool) -> bytes:
     """Return the first or the last line that is not blank."""
-    body = body.strip(_LINE_END)
-    return body.partition(b"\n")[0] if first else body.rpartition(b"\n")[2]
+    # Searched and sliced, so that a long text is not copied.
+    if first:
+        begin = next((m.start() for m in _NOT_LINE_END.finditer(body)), 0)
+        end = body.find(b"\n", begin)
+        return body[begin:] if end < 0 else body[begin:end].rstrip(_LINE_END)
+    end = len(body)
+    while end and body[end - 1] in _LINE_END:
+        end -= 1
+    return body[body.rfind(b"\n", 0, end) + 1 : end]
 
 
 def _cells(line: bytes, delimiter: str) -> Sequence[str]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
@@ -22,17 +21,12 @@ from levelhead.logs.readers.base import Reader, Source, content_of, shown, shown
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.timescales import GPS_EPOCH_S, WEEK_S
 
-TextArray = NDArray[np.str_]
-
-
 _COLUMN_LINE = re.compile(rb"^%\s*(GPST|UTC|JST)\b(.*)$", re.MULTILINE)
 _DATUM_LINE = re.compile(rb"^%\s*\(lat/lon/height=([^/,)\r\n]*)/([^,)\r\n]*)", re.MULTILINE)
 _HEIGHTS: Final = {"ellipsoidal": ELLIPSOIDAL, "geodetic": MEAN_SEA_LEVEL}
 """RTKLIB's words for what heights count from; "geodetic" are those over its geoid model."""
-_STAMP: Final = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d*)?", re.ASCII)
+_STAMP: Final = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{0,12})?", re.ASCII)
 _IN_NUMBERS: Final = frozenset("0123456789+-.eE")
-MAX_WORD: Final = 40
-"""Characters of a number or a time at most; RTKLIB writes 15."""
 _POSITION: Final = ("latitude", "longitude", "height")
 
 
@@ -55,11 +49,11 @@ def read(source: Source) -> Pieces:
     scale, names = _column_names(name, content)
     meta = _datum(name, content)
     lines, numbers_of, left_out = _solution_lines(content, len(names) + 2)
-    tokens = _tokens(name, lines, numbers_of, len(names) + 2)
-    if len(tokens) == 0:
+    words = _words(lines, numbers_of, name, len(names) + 2)
+    if not words:
         raise LogError(f"{name}: the file has a header but no solution; check RTKLIB's processing.")
-    time = _times(name, tokens, numbers_of)
-    values = {n: _numbers(name, n, tokens[:, k + 2], numbers_of) for k, n in enumerate(names) if n in _USED}
+    time = _times(name, words[0], words[1], numbers_of)
+    values = {n: _numbers(name, n, words[k + 2], numbers_of) for k, n in enumerate(names) if n in _USED}
     _check_globe(name, values, numbers_of)
     llh = np.column_stack([values[n] for n in _POSITION])
     gnss = GnssData(
@@ -127,8 +121,8 @@ def _solution_lines(content: bytes, width: int) -> tuple[list[bytes], list[int],
     return [line for _, line in numbered], [number for number, _ in numbered], left_out
 
 
-def _tokens(name: str, lines: Sequence[bytes], numbers_of: Sequence[int], width: int) -> TextArray:
-    """Return the words of all lines, shape (lines, width)."""
+def _words(lines: Sequence[bytes], numbers_of: Sequence[int], name: str, width: int) -> list[tuple[str, ...]]:
+    """Return the columns of words."""
     rows = [line.decode("utf-8", errors="replace").split() for line in lines]
     for row, number in zip(rows, numbers_of, strict=True):
         if len(row) != width:
@@ -136,20 +130,15 @@ def _tokens(name: str, lines: Sequence[bytes], numbers_of: Sequence[int], width:
                 f"{name}, line {number}: the line has {len(row)} columns where {width} are expected; repair or remove "
                 "the line."
             )
-        # An array of texts gives each of them the room of the longest.
-        if max(map(len, row)) > MAX_WORD:
-            raise LogError(
-                f"{name}, line {number}: the word {shown(max(row, key=len))} is no number; repair or remove the line."
-            )
-    return np.array(rows, dtype=np.str_).reshape(len(rows), width)
+    return list(zip(*rows, strict=True))
 
 
-def _times(name: str, tokens: TextArray, numbers_of: Sequence[int]) -> FloatArray:
+def _times(name: str, days: Sequence[str], clocks: Sequence[str], numbers_of: Sequence[int]) -> FloatArray:
     """Return seconds since 1970: from ``yyyy/mm/dd hh:mm:ss.sss``, or from GPS week and second of the week."""
-    if "/" not in tokens[0, 0]:
-        week = _numbers(name, "week", tokens[:, 0], numbers_of)
-        return GPS_EPOCH_S + WEEK_S * week + _numbers(name, "second of the week", tokens[:, 1], numbers_of)
-    stamps = [f"{day.replace('/', '-')}T{clock}" for day, clock in tokens[:, :2]]
+    if "/" not in days[0]:
+        week = _numbers(name, "week", days, numbers_of)
+        return GPS_EPOCH_S + WEEK_S * week + _numbers(name, "second of the week", clocks, numbers_of)
+    stamps = [f"{day.replace('/', '-')}T{clock}" for day, clock in zip(days, clocks, strict=True)]
     try:
         if not all(map(_STAMP.fullmatch, stamps)):
             raise ValueError
@@ -157,8 +146,8 @@ def _times(name: str, tokens: TextArray, numbers_of: Sequence[int]) -> FloatArra
     except ValueError:
         bad = next(k for k, stamp in enumerate(stamps) if not _is_instant(stamp))
         raise LogError(
-            f"{name}, line {numbers_of[bad]}: {shown(' '.join(tokens[bad, :2]))} is not a time; repair or remove the "
-            "line."
+            f"{name}, line {numbers_of[bad]}: {shown(f'{days[bad]} {clocks[bad]}')} is not a time; repair or remove "
+            "the line."
         ) from None
     return instants.astype(np.int64).astype(np.float64) / 1e6
 
@@ -173,20 +162,20 @@ def _is_instant(text: str) -> bool:
     return True
 
 
-def _numbers(name: str, column: str, texts: TextArray, numbers_of: Sequence[int]) -> FloatArray:
+def _numbers(name: str, column: str, texts: Sequence[str], numbers_of: Sequence[int]) -> FloatArray:
     try:
         # Python would also take 1_0 and the digits of other scripts.
-        if not _IN_NUMBERS.issuperset("".join(texts.tolist())):
+        if not _IN_NUMBERS.issuperset("".join(texts)):
             raise ValueError
-        values = texts.astype(np.float64)
+        values = np.array(list(map(float, texts)))
     except ValueError:
         values = np.array([_number_or_nan(text) for text in texts])
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         k = int(bad[0])
         raise LogError(
-            f"{name}, line {numbers_of[k]}: the column {column} holds {shown(str(texts[k]))} where a number is "
-            "expected; repair or remove the line."
+            f"{name}, line {numbers_of[k]}: the column {column} holds {shown(texts[k])} where a number is expected; "
+            "repair or remove the line."
         )
     return values
 
