@@ -142,8 +142,7 @@ def judge_cut(sample: Sample, file: Path, content: bytes, length: int, outcome: 
     if outcome.fault or log is None:
         return outcome.fault
     unseen = sample.cut_unseen(file.name, content, length)
-    lost = log.time.size < whole.time.size or log.gnss_time.size < whole.gnss_time.size
-    if lost and not unseen and log.meta["completeness"] == "complete":
+    if _numbers(log) < _numbers(whole) and not unseen and log.meta["completeness"] == "complete":
         return (
             f"silently {log.time.size} of {whole.time.size} samples, {log.gnss_time.size} of {whole.gnss_time.size} "
             "epochs: the log calls itself complete"
@@ -220,12 +219,20 @@ def _differs(sample: Sample, log: Log, *, last_may_differ: bool) -> str:
         for have, had in pairs:
             different = (have != had[rows]) & ~(np.isnan(have) & np.isnan(had[rows]))
             if what == "epoch" and different.size:
-                # The last epoch may be made of several records, of which not all were left.
-                different[-1] &= ~np.isnan(have[-1])
+                # The last epoch may be made of several records, of which not all were left; where there are several
+                # files, so may any.
+                some = slice(None) if len(sample.files) > 1 else slice(-1, None)
+                different[some] &= ~np.isnan(have[some])
             wrong |= different.any(axis=1)[keep]
         if wrong.any():
             return f"{what} {int(np.flatnonzero(wrong)[0]) + 1} is not that of the whole file"
     return ""
+
+
+def _numbers(log: Log) -> int:
+    """Return how many numbers there are of what a log is made of."""
+    arrays = (log.time, log.gnss_time, log.velocity_ned, log.position_llh, log.wheel_speed)
+    return sum(int(np.isfinite(array).sum()) for array in arrays if array is not None)
 
 
 def _or_nan(values: FloatArray | None, stamps: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -93,18 +94,23 @@ def prepare(name: str, folder: Path, *, size: int | None = None, log: Log | None
     module = _module(name)
     inside = folder / "log"
     inside.mkdir()
+    plain = "log" not in inspect.signature(module.write).parameters
     path = module.write(inside) if log is None else module.write(inside, log)
     log = sample_drive() if log is None else log
-    if size is not None and "log" in inspect.signature(module.write).parameters:
+    if size is not None and not plain:
         longest = max(p.stat().st_size for p in inside.rglob("*") if p.is_file())
         if longest > size:
             log = log.slice(0.0, max(SHORTEST_S, log.duration * size / longest))
+            shutil.rmtree(inside)
+            inside.mkdir()
             path = module.write(inside, log)
     options = dict(getattr(module, "OPTIONS", {}))
     if hasattr(module, "MAPPING"):
         options["mapping"] = folder / "mapping.toml"
         options["mapping"].write_text(module.MAPPING, encoding="utf-8")
     log_path = path
+    if hasattr(module, "write_gnss"):
+        options["gnss"] = module.write_gnss(inside, *(() if plain else (log,)))
     if getattr(module, "GNSS_ONLY", False):
         log_path, options["gnss"] = folder / "reference.csv", path
         ahead = GPST_AHEAD_S if getattr(module, "TIME_SCALE", "GPST") == "GPST" else 0.0

@@ -7,6 +7,8 @@ the files of every sample, and for ``benchmarks/reading.py``:
 ``GNSS_ONLY = True``
     The file has no IMU data: it is read beside a canonical IMU file of the same drive. ``TIME_SCALE`` ("GPST", the
     default, or "UTC") is the scale of its stamps, seconds since 1970.
+``write_gnss(folder, log=None)``
+    Writes the GNSS file that is passed beside the log, where it is not found by its name.
 ``MAPPING = "..."``
     The text of the mapping file that it needs.
 ``OPTIONS = {...}``

@@ -1,6 +1,36 @@
-"""Where a cut text cannot be told from a whole one."""
+"""Where a cut file cannot be told from a whole one: between two lines, between two records."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+
+SizeAt = Callable[[bytes, int], int]
+CutUnseen = Callable[[str, bytes, int], bool]
+
+
+def between_records(first: int, size_at: SizeAt) -> CutUnseen:
+    """Return what tells whether a length ends a record.
+
+    Parameters
+    ----------
+    first : int
+        Bytes before the first record.
+    size_at : callable
+        Takes a sound file and a place where a record begins in it; returns its size, bytes.
+    """
+    ends: dict[bytes, set[int]] = {}
+
+    def unseen(_name: str, content: bytes, length: int) -> bool:
+        if content not in ends:
+            ends.clear()
+            at, found = first, {first}
+            while at < len(content):
+                at += size_at(content, at)
+                found.add(at)
+            ends[content] = found
+        return length in ends[content]
+
+    return unseen
 
 
 def last_cell(_name: str, content: bytes, length: int) -> bool:
