@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from levelhead.logs.log import Log
 from levelhead.logs.writers import write as write_log
 from samples.cuts import last_cell
 from samples.drive import sample_drive
@@ -12,8 +11,8 @@ from samples.drive import sample_drive
 CUT_UNSEEN = last_cell
 
 
-def write(folder: Path, log: Log | None = None) -> Path:
-    """Write the log; with every digit of its numbers."""
+def write(folder: Path) -> Path:
+    """Write the drive, with every digit of its numbers."""
     path = folder / "drive.csv"
-    write_log(sample_drive() if log is None else log, path)
+    write_log(sample_drive(), path)
     return path

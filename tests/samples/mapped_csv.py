@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from levelhead.conventions import GRAVITY
-from levelhead.logs.log import Log
 from samples.cuts import last_cell
 from samples.drive import sample_drive
 
@@ -33,9 +32,9 @@ vel_u = "vu"
 CUT_UNSEEN = last_cell
 
 
-def write(folder: Path, log: Log | None = None) -> Path:
+def write(folder: Path) -> Path:
     """Write the IMU's file, and the GNSS file beside it under a name that goes with its."""
-    log = sample_drive() if log is None else log
+    log = sample_drive()
     assert log.velocity_ned is not None
     assert log.position_llh is not None
     turned = [1.0, -1.0, -1.0]

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from levelhead.logs.log import Log
 from samples.cuts import line_end
 from samples.drive import EPOCH_UTC_S, sample_drive
 
@@ -22,9 +21,9 @@ GPST_AHEAD_S = 18
 """Leap seconds in 2025."""
 
 
-def write(folder: Path, log: Log | None = None) -> Path:
+def write(folder: Path) -> Path:
     """Write every epoch with the digits that RTKLIB writes: 1 ms, 0.1 mm, 1e-5 m/s."""
-    log = sample_drive() if log is None else log
+    log = sample_drive()
     assert log.velocity_ned is not None
     assert log.position_llh is not None
     start = np.datetime64(int(EPOCH_UTC_S) + GPST_AHEAD_S, "s").astype("datetime64[ms]")
