@@ -2,13 +2,12 @@
 
     PYTHONPATH=tests python benchmarks/reading.py [SAMPLE...]
 
-A sample whose writer takes a log is written for an hour; others are half a minute, and only their ratio says something.
+Of a format that is GNSS alone only that part is timed.
 """
 
 from __future__ import annotations
 
 import importlib
-import inspect
 import statistics
 import subprocess
 import sys
@@ -105,7 +104,7 @@ class Row:
     peak_mb: float
 
 
-def measure(name: str, folder: Path, log: lh.Log | None) -> tuple[Row, float, float]:
+def measure(name: str, folder: Path, log: lh.Log) -> tuple[Row, float, float]:
     """Return the row of a sample, the hours that it has, and its megabytes."""
     sample = prepare(name, folder, log=log)
     path = next(iter(sample.files)) if "gnss" in sample.options else sample.log_path
@@ -161,9 +160,8 @@ def main() -> None:
     print(f"Reading, median of {ROUNDS} runs; peak memory is a process's that reads the log once, Python included")
     print(f"{'sample':20s}{'hours':>7s}{'MB':>8s}{'s':>8s}  {'library':16s}{'its s':>8s}{'ratio':>7s}{'peak MB':>9s}")
     for name in sys.argv[1:] or names():
-        takes_log = "log" in inspect.signature(importlib.import_module(f"samples.{name}").write).parameters
         with tempfile.TemporaryDirectory() as folder:
-            row, hours, megabytes = measure(name, Path(folder), hour if takes_log else None)
+            row, hours, megabytes = measure(name, Path(folder), hour)
         library = LIBRARIES.get(name, ("-",))[0]
         theirs, ratio = ("-" if v is None else f"{v:.2f}" for v in (row.theirs_s, row.ratio))
         print(

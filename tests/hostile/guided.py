@@ -23,7 +23,7 @@ from typing import Final
 
 TESTS: Final = Path(__file__).parent.parent
 SIZE: Final = 4096
-"""Bytes of a sample, about, where its writer takes a log: the smaller it is, the faster the search."""
+"""Bytes of a sample, about: the smaller it is, the faster the search."""
 SEEDS: Final = 20
 HANGS_S: Final = 20
 MAX_RSS_MB: Final = 2000

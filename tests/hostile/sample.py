@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 import pkgutil
 import shutil
 from collections.abc import Callable, Mapping
@@ -17,7 +16,7 @@ import samples
 from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.writers import write
-from samples.drive import EPOCH_UTC_S, sample_drive
+from samples.drive import EPOCH_UTC_S, driving, sample_drive
 
 GPST_AHEAD_S: Final = 18.0
 """Leap seconds when the sample drive was driven."""
@@ -87,30 +86,27 @@ def prepare(name: str, folder: Path, *, size: int | None = None, log: Log | None
     folder : Path
         Existing and empty.
     size : int, optional
-        Bytes that the longest file should have about, where the sample's writer takes a log: the drive is cut short.
+        Bytes that the longest file should have about: the drive is cut short.
     log : Log, optional
-        Another log than the sample drive, for a writer that takes one.
+        Another log than the sample drive.
     """
     module = _module(name)
     inside = folder / "log"
-    inside.mkdir()
-    plain = "log" not in inspect.signature(module.write).parameters
-    path = module.write(inside) if log is None else module.write(inside, log)
     log = sample_drive() if log is None else log
-    if size is not None and not plain:
-        longest = max(p.stat().st_size for p in inside.rglob("*") if p.is_file())
-        if longest > size:
-            log = log.slice(0.0, max(SHORTEST_S, log.duration * size / longest))
-            shutil.rmtree(inside)
-            inside.mkdir()
-            path = module.write(inside, log)
+    path = _write(module, inside, log)
+    longest = max(p.stat().st_size for p in inside.rglob("*") if p.is_file())
+    if size is not None and longest > size:
+        log = log.slice(0.0, max(SHORTEST_S, log.duration * size / longest))
+        shutil.rmtree(inside)
+        path = _write(module, inside, log)
     options = dict(getattr(module, "OPTIONS", {}))
     if hasattr(module, "MAPPING"):
         options["mapping"] = folder / "mapping.toml"
         options["mapping"].write_text(module.MAPPING, encoding="utf-8")
     log_path = path
     if hasattr(module, "write_gnss"):
-        options["gnss"] = module.write_gnss(inside, *(() if plain else (log,)))
+        with driving(log):
+            options["gnss"] = module.write_gnss(inside)
     if getattr(module, "GNSS_ONLY", False):
         log_path, options["gnss"] = folder / "reference.csv", path
         ahead = GPST_AHEAD_S if getattr(module, "TIME_SCALE", "GPST") == "GPST" else 0.0
@@ -127,6 +123,13 @@ def prepare(name: str, folder: Path, *, size: int | None = None, log: Log | None
         checked=getattr(module, "CHECKED", False),
         clock_tolerance_s=getattr(module, "CLOCK_TOLERANCE_S", 0.0),
     )
+
+
+def _write(module: ModuleType, folder: Path, log: Log) -> Path:
+    folder.mkdir()
+    with driving(log):
+        path: Path = module.write(folder)
+    return path
 
 
 def _module(name: str) -> ModuleType:

@@ -17,7 +17,7 @@ from hostile.rules import Kept, Listener, Outcome, attempt, judge_cut, judge_mut
 from hostile.sample import Sample, prepare
 
 SIZE: Final = 65536
-"""Bytes of the longest file of a sample, about, where its writer takes a log."""
+"""Bytes of the longest file of a sample, about."""
 MAX_RSS_MB: Final = 1000.0
 """Memory that a worker may have come to need: its libraries, and one small file."""
 ADDRESS_SPACE: Final = 4 << 30

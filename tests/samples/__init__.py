@@ -1,13 +1,13 @@
 """Small files of every format, made from one simulated drive, so that what a reader returns can be held against it.
 
-Each module is one format. ``write(folder, log=None)`` writes the drive (or another log) into the folder, the same bytes
-each time, and returns the path that `levelhead.read` takes. What else a module may say, for `hostile`, which damages
-the files of every sample, and for ``benchmarks/reading.py``:
+Each module is one format. ``write(folder)`` writes the drive into the folder, the same bytes each time, and returns the
+path that `levelhead.read` takes; the drive is what `samples.drive.sample_drive` says at that moment. What else a module
+may say, for `hostile`, which damages the files of every sample, and for ``benchmarks/reading.py``:
 
 ``GNSS_ONLY = True``
     The file has no IMU data: it is read beside a canonical IMU file of the same drive. ``TIME_SCALE`` ("GPST", the
     default, or "UTC") is the scale of its stamps, seconds since 1970.
-``write_gnss(folder, log=None)``
+``write_gnss(folder)``
     Writes the GNSS file that is passed beside the log, where it is not found by its name.
 ``MAPPING = "..."``
     The text of the mapping file that it needs.
