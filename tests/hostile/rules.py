@@ -162,7 +162,8 @@ def judge_cuts(sample: Sample, size: int, kept: Sequence[Kept]) -> list[tuple[in
     found = []
     for k in kept:
         expected = (k.length - begin) / (size - begin) - SLACK
-        share = min(k.samples / whole.time.size, k.epochs / max(whole.gnss_time.size, 1))
+        # The record that was cut, and an epoch that is made of several.
+        share = min((k.samples + 2) / whole.time.size, (k.epochs + 2) / max(whole.gnss_time.size, 1))
         if share < expected - sample.lost_at_cut / whole.time.size:
             what = f"{k.samples} samples and {k.epochs} epochs" if k.samples else "nothing"
             found.append((k.length, f"keeps {what}, less than {expected:.0%} of the whole"))

@@ -96,7 +96,7 @@ def prepare(name: str, folder: Path, *, size: int | None = None, log: Log | None
     path = _write(module, inside, log)
     longest = max(p.stat().st_size for p in inside.rglob("*") if p.is_file())
     if size is not None and longest > size:
-        log = log.slice(0.0, max(SHORTEST_S, log.duration * size / longest))
+        log = log.slice(0.0, max(getattr(module, "SHORTEST_S", SHORTEST_S), log.duration * size / longest))
         shutil.rmtree(inside)
         path = _write(module, inside, log)
     options = dict(getattr(module, "OPTIONS", {}))

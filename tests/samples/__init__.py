@@ -13,6 +13,8 @@ may say, for `hostile`, which damages the files of every sample, and for ``bench
     The text of the mapping file that it needs.
 ``OPTIONS = {...}``
     More arguments of `levelhead.read`.
+``SHORTEST_S = s``
+    The reader finds out what the numbers mean only in a drive as long as this.
 ``CUT_UNSEEN``
     Where a cut file cannot be told from a whole one: a sentence that says why (of any cut), or a function of the file's
     name, its content and the length that is left. `samples.cuts` has those of texts.

@@ -43,6 +43,11 @@ def last_cell(_name: str, content: bytes, length: int) -> bool:
     return not line or (line.count(b",") == whole.count(b",") and not line.endswith(b","))
 
 
+def sentence_end(_name: str, content: bytes, length: int) -> bool:
+    """Return whether the cut lies between two lines, or in the end of one whose checksum is there."""
+    return content[:length].endswith(b"\n") or content[length : length + 1] in (b"\r", b"\n")
+
+
 def line_end(_name: str, content: bytes, length: int) -> bool:
     """Return whether the cut lies between two lines."""
     return content[:length].endswith(b"\n")
