@@ -19,7 +19,7 @@ may say, for `hostile`, which damages the files of every sample, and for ``bench
     Where a cut file cannot be told from a whole one: a sentence that says why (of any cut), or a function of the file's
     name, its content and the length that is left. `samples.cuts` has those of texts.
 ``KEEPS_PREFIX = False``
-    Nothing, or not the beginning, can be had from a cut file (its index is at the end).
+    Nothing, or not the beginning, can be had from a cut file: its index is at the end, or others have the same epochs.
 ``LOST_AT_CUT = n``
     Samples before a cut that may be lost with it (blocks that are whole or nothing).
 ``CHECKED = True``

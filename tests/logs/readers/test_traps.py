@@ -82,7 +82,7 @@ def test_a_monstrous_text_is_read_or_refused_in_no_time(tmp_path: Path, name: st
     path = tmp_path / "big.csv"
     path.write_bytes(big(name))
     said, seconds, memory = peak_of(path)
-    assert len(said) < 500
+    assert len(said) < 800
     assert seconds < REFUSED_S
     # Some copies of the file: nothing is multiplied.
     assert memory < 8 * path.stat().st_size / 1e6 + 100
@@ -186,7 +186,7 @@ def test_odd_texts_are_refused_with_a_short_sentence(put: Writer, text: str, sen
     with pytest.raises(LogError, match=re.escape(sentence)) as refusal:
         read(put("a.csv", text))
     assert str(refusal.value).isprintable()
-    assert len(str(refusal.value)) < 500
+    assert len(str(refusal.value)) < 800
 
 
 def test_line_ends_may_be_mixed(put: Writer) -> None:
