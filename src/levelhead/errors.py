@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+
+_LONGEST: Final = 900
+"""Characters of a sentence at most."""
+
 
 def printable(text: str) -> str:
     """Return a text in which what would not show is replaced: bytes of a hostile file must not command a terminal."""
@@ -14,7 +20,9 @@ class LevelheadError(Exception):
     exit_code = 1
 
     def __str__(self) -> str:
-        return printable(super().__str__())
+        text = printable(super().__str__())
+        # What is in a file may be quoted, or named by a library, at any length; the end says what to do.
+        return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 3 :]}"
 
 
 class UsageError(LevelheadError, ValueError):
