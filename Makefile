@@ -3,9 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO ?= levelhead-demo
+FUZZ_SECONDS ?= 60
 SOURCES := pyproject.toml CMakeLists.txt $(shell find src -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: demo test lint bench drives soak clean
+.PHONY: demo test lint bench drives soak fuzz clean
 
 demo: $(VENV)/built
 	$(BIN)/levelhead demo -o $(DEMO)
@@ -18,17 +19,25 @@ lint: $(VENV)/tested
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-bench: $(VENV)/built
+bench: $(VENV)/tested
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/navigation.py
 	$(BIN)/python benchmarks/preflight.py
 	$(BIN)/python benchmarks/speed.py
+	PYTHONPATH=tests $(BIN)/python benchmarks/reading.py
 
 # What takes minutes: a thousand drives, and outside authorities.
 soak: $(VENV)/tested
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[compare]'
 	$(BIN)/python -m pytest -m slow
+
+# Every format's sample cut at every byte and mutated ten thousand times, then atheris for FUZZ_SECONDS on each. Stopped,
+# it goes on where it was.
+fuzz: $(VENV)/tested
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
+	PYTHONPATH=tests $(BIN)/python -m hostile.table
+	PYTHONPATH=tests $(BIN)/python -m hostile.guided --seconds $(FUZZ_SECONDS)
 
 # Real drives are not part of the repository: make drives DATA=folder
 drives: $(VENV)/built

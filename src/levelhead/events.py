@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
+from levelhead.errors import printable
+
 EVENT_TEXTS: Final[dict[str, str]] = {
     "I_VELOCITY_DERIVED": "The log has positions but no velocities: velocities were derived from the positions.",
     "I_NOISE_FOUND": "The readings are noisier than by default, vibration included, and are trusted less:",
@@ -61,6 +63,10 @@ class Event:
     first_s: float | None = None
     last_s: float | None = None
     detail: str = ""
+
+    def __post_init__(self) -> None:
+        # Details quote names that stand in a file.
+        object.__setattr__(self, "detail", printable(self.detail))
 
     @property
     def text(self) -> str:

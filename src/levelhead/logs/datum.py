@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from levelhead.errors import LogError
+from levelhead.errors import LogError, printable
 
 DATUM_KEY: Final = "datum"
 """Key of `Log.meta`, of a mapping's ``[gnss]`` section and of Parquet metadata."""
@@ -22,6 +22,9 @@ WGS84: Final = "WGS84"
 ELLIPSOIDAL: Final = "ellipsoidal"
 MEAN_SEA_LEVEL: Final = "mean sea level"
 HEIGHTS: Final = (ELLIPSOIDAL, MEAN_SEA_LEVEL)
+
+MAX_NAME: Final = 60
+"""Characters of a declared name that are shown at most."""
 
 _GLOBAL: Final = re.compile(r"WGS(19)?84(G\d+)?|EPSG(4326|4979)|ITRF(\d\d|\d{4})|IG[SB]\w?(\d\d|\d{4})|PZ9011|CGCS2000")
 """Frames that move with no plate: realisations of one, some centimetres apart."""
@@ -67,20 +70,24 @@ def checked_datum(where: str, datum: str) -> str:
     """
     key = _key(datum)
     if _GLOBAL.fullmatch(key) or _PLATES.fullmatch(key):
-        return datum.strip()
+        return printable(datum.strip())[:MAX_NAME]
     remedy = (
         "convert the positions to WGS84 (EPSG:4979) or another datum within a metre of it, such as ETRS89 or ITRF2020"
     )
     for name, distance in _OTHER.items():
         if key.startswith(name):
-            raise LogError(f"{where}: the datum is {datum!r}, whose positions lie {distance} off in WGS84; {remedy}.")
-    raise LogError(f"{where}: the datum {datum!r} is not known to lie within a metre of WGS84; {remedy}.")
+            raise LogError(
+                f"{where}: the datum is {datum[:MAX_NAME]!r}, whose positions lie {distance} off in WGS84; {remedy}."
+            )
+    raise LogError(f"{where}: the datum {datum[:MAX_NAME]!r} is not known to lie within a metre of WGS84; {remedy}.")
 
 
 def checked_height(where: str, height: str) -> str:
     """Return a height reference, one of `HEIGHTS`; a LogError says which there are."""
     if height not in HEIGHTS:
-        raise LogError(f"{where}: the heights count from {height!r}; declare one of {', '.join(map(repr, HEIGHTS))}.")
+        raise LogError(
+            f"{where}: the heights count from {height[:MAX_NAME]!r}; declare one of {', '.join(map(repr, HEIGHTS))}."
+        )
     return height
 
 

@@ -61,6 +61,7 @@ from levelhead.conventions import (
 from levelhead.errors import UsageError
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, declared
 
+MAX_BYTES: Final = 1 << 20
 UP_COLUMN: Final = "vel_u"
 """A velocity column of mappings only: up, the negative of vel_d."""
 ECEF_COLUMNS: Final = ("ecef_x", "ecef_y", "ecef_z")
@@ -163,12 +164,21 @@ def load_mapping(path: str | os.PathLike[str]) -> LogMapping:
     """
     file = Path(path)
     try:
+        if file.exists() and not file.is_file():
+            # Opening a FIFO would wait for its writer for ever.
+            raise UsageError(f"The mapping {file} is not a regular file; pass a TOML file.")
+        if file.stat().st_size > MAX_BYTES:
+            raise UsageError(f"The mapping {file} has {file.stat().st_size} bytes; pass a mapping file, not a log.")
         text = file.read_text(encoding="utf-8")
         document = tomllib.loads(text)
     except OSError as error:
         raise UsageError(f"The mapping {file} cannot be read: {error.strerror}.") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"The mapping {file.name} is not TOML: {error}.") from error
+    except RecursionError as error:
+        raise UsageError(
+            f"The mapping {file.name} is nested too deeply; see docs/logs.md for what it holds."
+        ) from error
     _known_keys(file.name, document, ("imu", "gnss"))
     if not document:
         raise UsageError(f"The mapping {file.name} is empty; it needs a section [imu], [gnss] or both.")

@@ -185,7 +185,9 @@ def _write_parquet(
     # Readings hardly repeat: looking for a dictionary of them costs three times the rest of the writing.
     with (
         atomic_path(target) as temporary,
-        pq.ParquetWriter(temporary, schema, compression=COMPRESSION, use_dictionary=False) as writer,
+        pq.ParquetWriter(
+            temporary, schema, compression=COMPRESSION, use_dictionary=False, write_page_checksum=True
+        ) as writer,
     ):
         for start in range(0, max(count, 1), ROW_GROUP):
             writer.write_table(rows(start))

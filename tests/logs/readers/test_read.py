@@ -105,7 +105,10 @@ def test_seconds_since_1970_are_counted_from_the_first_sample(put: Writer) -> No
     [
         (b"", "a.log is empty; check the recording or the copy."),
         (b"\x00\x01\x02\xff" * 100, "a.log: the format is not known (binary data); levelhead reads "),
-        (b"\x1f\x8b\x08\x00" + b"\x99" * 50, "the format is not known (binary data)"),
+        (b"\x1f\x8b\x08\x00" + b"\x99" * 50, "a.log is compressed by gzip; unpack it first (gunzip)."),
+        (b"\xff\xfet\0i\0m\0e\0\n\0", "a.log is UTF-16 text; save it as UTF-8"),
+        ("time,gyro_x\n0,1\n".encode("utf-16-be"), "a.log is UTF-16 text; save it as UTF-8"),
+        (b"PK\x03\x04" + bytes(50), "a.log is a zip archive (or a spreadsheet); unpack it first, or export it as CSV."),
         (b"hello world\n", "a.log: the format is not known (the first line is 'hello world'); levelhead reads"),
         (b"a,b,c\n1,2,3\n", "For a CSV with other columns pass a mapping file (mapping=)."),
         (b"\n\n\n", "the format is not known (the first line is '')"),

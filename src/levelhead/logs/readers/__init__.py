@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from levelhead.errors import LogError, UsageError
+from levelhead.errors import LogError, UsageError, printable
 from levelhead.events import Event
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, check_agreement
 from levelhead.logs.log import Log
@@ -42,6 +42,7 @@ from levelhead.logs.readers import (
 )
 from levelhead.logs.readers.base import Reader, Role, Source
 from levelhead.logs.readers.csv_table import is_text
+from levelhead.logs.readers.foreign_files import what_it_is
 from levelhead.logs.readers.siblings import find_sibling
 
 PathLike = str | os.PathLike[str]
@@ -92,6 +93,8 @@ _FACTS_OF: Final[dict[Role, tuple[Fact, ...]]] = {
 SNIFFED_BYTES: Final = 65536
 
 
+# Numbers at the end of float's range overflow in any unit: what comes of it is infinite, and refused as such.
+@np.errstate(over="ignore", invalid="ignore")
 def read(
     path: PathLike,
     *,
@@ -137,7 +140,7 @@ def read(
         raise UsageError(f"The format {format!r} is not known; the formats are {', '.join(READERS)}.")
     main = Path(path)
     mapped = None if mapping is None else load_mapping(mapping)
-    receiver = str(gnss) if gnss is not None and not Path(gnss).exists() else None
+    receiver = str(gnss) if gnss is not None and not _exists(Path(gnss)) else None
     gnss_path = None if gnss is None or receiver is not None else Path(gnss)
     beside = find_sibling(main) if gnss is None else None
     imu_mapping, gnss_mapping = _sections(mapped, two_files=(gnss_path or beside) is not None)
@@ -220,8 +223,9 @@ def _known(parts: Sequence[Pieces]) -> dict[str, object]:
     """Return what the files together tell of the log, as entries of `Log.meta`."""
     whole = "malformed_record" if any(p.damaged for p in parts) else "complete"
     meta: dict[str, object] = {"completeness": "truncated" if any(p.left_out for p in parts) else whole}
-    streams = tuple(stream for p in parts for stream in p.streams)
-    compensated = " ".join(p.compensated for p in parts if p.compensated)
+    # Names and notes stand in the file: they must not command a terminal that lists them.
+    streams = tuple(replace(s, name=printable(s.name), note=printable(s.note)) for p in parts for s in p.streams)
+    compensated = printable(" ".join(p.compensated for p in parts if p.compensated))
     undeclared = tuple(fact for fact in FACTS if any(fact in p.undeclared for p in parts))
     assumed = tuple(fact for fact in FACTS if fact not in undeclared and any(fact in p.assumed for p in parts))
     entries = {"streams": streams, "compensated": compensated, "undeclared": undeclared, "assumed": assumed}
@@ -270,6 +274,16 @@ def _read_file(source: Source, format_name: str | None) -> tuple[Pieces, Reader]
         return reader.read(source), reader
     except OSError as error:
         raise LogError(f"{path} cannot be read: {error.strerror or error}.") from error
+    except MemoryError as error:
+        raise LogError(f"{path.name} needs more memory than there is; split it, or free some.") from error
+
+
+def _exists(path: Path) -> bool:
+    """Return whether there is such a file; of a name that no file can have, False."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
 
 
 def _head(path: Path) -> bytes:
@@ -302,6 +316,8 @@ def _find_reader(path: Path, head: bytes, section: ImuMapping | GnssMapping | No
     known = ", ".join(reader.title for reader in READERS.values())
     if path.is_dir():
         raise LogError(f"{path} is a directory, and no log in a known layout of files; pass the log file itself.")
+    if what := what_it_is(head):
+        raise LogError(f"{path.name} is {what}.")
     if not is_text(head):
         raise LogError(f"{path.name}: the format is not known (binary data); levelhead reads {known}.")
     first = head.decode("utf-8", errors="replace").splitlines()[0][:60]

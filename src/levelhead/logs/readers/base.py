@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
@@ -13,6 +13,13 @@ from levelhead.logs.mapping import GnssMapping, ImuMapping
 from levelhead.logs.pieces import Pieces, Stream
 
 Role = Literal["imu", "gnss"]
+
+MAX_CONTENT: Final = 2 << 30
+"""Bytes of a text that is read at once; a day at 100 Hz with every digit has 1.3e9."""
+MAX_NAMES_SHOWN: Final = 16
+"""Column names that an error lists at most."""
+MAX_TEXT_SHOWN: Final = 40
+"""Characters of a piece of a file that an error shows at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,3 +109,31 @@ def choose(streams: Sequence[Stream], wanted: str | None, *, name: str) -> Strea
     what = "IMU" if not streams or streams[0].kind == "imu" else "GNSS receiver"
     have = ", ".join(f"{s.name} ({s.samples} samples)" for s in streams) or "none"
     raise LogError(f"{name} has no {what} called {wanted!r}; choose one of: {have}.")
+
+
+def content_of(path: Path) -> bytes:
+    """Return the whole content of a file that is read at once.
+
+    Raises
+    ------
+    LogError
+        When it is larger than `MAX_CONTENT`.
+    """
+    size = path.stat().st_size
+    if size > MAX_CONTENT:
+        raise LogError(
+            f"{path.name} has {size / 1e9:.1f} GB, more than is read at once ({MAX_CONTENT / 1e9:.1f} GB); split it, "
+            "or store it as Parquet."
+        )
+    return path.read_bytes()
+
+
+def shown_names(names: Sequence[str]) -> str:
+    """Return names that stand in a file as an error lists them: not all, and not all of a long one."""
+    short = [n if len(n) <= MAX_TEXT_SHOWN else n[:MAX_TEXT_SHOWN] + "..." for n in names[:MAX_NAMES_SHOWN]]
+    return ", ".join(short) + (", ..." if len(names) > MAX_NAMES_SHOWN else "")
+
+
+def shown(text: str) -> str:
+    """Return a piece of a file as an error shows it: in quotation marks, and not all of it where it is long."""
+    return repr(text if len(text) <= MAX_TEXT_SHOWN else text[:MAX_TEXT_SHOWN] + "...")

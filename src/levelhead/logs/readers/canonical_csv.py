@@ -9,7 +9,7 @@ from typing import Final
 from levelhead.conventions import CANONICAL_UNITS, TIME_COLUMN
 from levelhead.errors import LogError
 from levelhead.logs.pieces import Pieces
-from levelhead.logs.readers.base import Reader, Source, Table
+from levelhead.logs.readers.base import Reader, Source, Table, content_of
 from levelhead.logs.readers.columns import assumed_facts, find_columns, pieces_from_table, split_unit
 from levelhead.logs.readers.csv_table import find_layout, is_text, read_numbers
 
@@ -34,7 +34,7 @@ def read(source: Source) -> Pieces:
         Naming file, line and column of what is wrong.
     """
     path = source.path
-    content = path.read_bytes()
+    content = content_of(path)
     layout = find_layout(content, name=path.name)
     columns = find_columns(path.name, layout.names, [None] * len(layout.names), role=source.role)
     numbers = read_numbers(path, content, layout, {c: k.index for c, k in columns.items()}, time_column=TIME_COLUMN)

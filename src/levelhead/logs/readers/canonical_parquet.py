@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,9 @@ from levelhead.conventions import TIME_COLUMN, FloatArray
 from levelhead.errors import LogError
 from levelhead.logs.datum import DATUM_KEY, HEIGHT_KEY, declared
 from levelhead.logs.pieces import Pieces
-from levelhead.logs.readers.base import Reader, Source, Table
+from levelhead.logs.readers.base import Reader, Source, Table, shown
 from levelhead.logs.readers.columns import assumed_facts, find_columns, pieces_from_table
+from levelhead.logs.timescales import TIME_SCALES
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
@@ -39,6 +41,13 @@ MAX_VALUES: Final = 500_000_000
 """Numbers that are read at most (4 GB): more is a mistake or an attack."""
 MAX_ROWS_PER_BYTE: Final = 20
 """No advancing time stamps compress so well: a file that claims more rows is a decompression bomb."""
+MAX_PACKED_VALUES: Final = 20_000_000
+"""Numbers (160 MB) up to which a file may be packed so well, or nearly."""
+MAX_UNPACKED_PER_BYTE: Final = 100
+MAX_GROUPS: Final = 100_000
+
+MAX_REASON: Final = 200
+"""Characters of the library's own words that an error shows at most."""
 
 
 def sniff(_path: Path, head: bytes) -> bool:
@@ -59,10 +68,11 @@ def read(source: Source) -> Pieces:
 
     path = source.path
     try:
-        with pq.ParquetFile(path) as file:
+        # Checksums of pages, where the file has them: our own has.
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return _read(source, file)
     except (pa.ArrowException, OSError) as error:
-        reason = str(error).splitlines()[0].rstrip(".")
+        reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")[:MAX_REASON]
         raise LogError(
             f"{path.name}: the Parquet file is damaged or cut short ({reason}). Its index stands at the end, so that "
             "nothing can be saved of a cut one; copy or export it again."
@@ -77,11 +87,7 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     rows = file.metadata.num_rows
     units = [_decoded((schema.field(k).metadata or {}).get(UNIT_KEY)) for k in range(len(schema.names))]
     columns = find_columns(name, schema.names, units, role=source.role)
-    if rows * len(columns) > MAX_VALUES or rows > MAX_ROWS_PER_BYTE * source.path.stat().st_size:
-        raise LogError(
-            f"{name}: the file claims {rows} rows in {source.path.stat().st_size} bytes, which no log does or which is "
-            "too much to read at once; split it if it is real."
-        )
+    _check_size(name, file.metadata, len(columns), source.path.stat().st_size)
     for column, found in columns.items():
         kind = schema.field(found.index).type
         if not _is_numeric(kind):
@@ -92,6 +98,11 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     scaled: dict[str, FloatArray] = {}
     for column, found in columns.items():
         data = file.read(columns=[schema.names[found.index]], use_threads=False).column(0)
+        if len(data) != rows:
+            raise LogError(
+                f"{name}: the column {column} has {len(data)} rows where {rows} are declared; the file is damaged, "
+                "copy or export it again."
+            )
         values = data.cast("float64").to_numpy()
         scaled[column] = values if found.factor == 1.0 else values * found.factor
     scale = columns[TIME_COLUMN].time_scale
@@ -103,6 +114,24 @@ def _read(source: Source, file: pq.ParquetFile) -> Pieces:
     return replace(pieces, meta=meta, assumed=assumed, compensated=compensated)
 
 
+def _check_size(name: str, metadata: pq.FileMetaData, columns: int, size: int) -> None:
+    """Refuse what would take more memory than a log of this size can need.
+
+    Few bytes that unpack to many values are fine while these are few enough; noise, of which readings consist, does not
+    pack to less than a byte for a whole row.
+    """
+    rows = metadata.num_rows
+    groups = [metadata.row_group(k) for k in range(min(metadata.num_row_groups, MAX_GROUPS + 1))]
+    unpacked = sum(group.total_byte_size for group in groups)
+    many = rows * columns > MAX_PACKED_VALUES and rows > size
+    bomb = many or rows > MAX_ROWS_PER_BYTE * size or unpacked > MAX_UNPACKED_PER_BYTE * size + MAX_PACKED_VALUES * 8
+    if bomb or rows * columns > MAX_VALUES or len(groups) > MAX_GROUPS:
+        raise LogError(
+            f"{name}: the file claims {rows} rows in {size} bytes, which no log does or which is too much to read at "
+            "once; split it if it is real."
+        )
+
+
 def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:
     """Return what the table's metadata say of the log."""
     epoch = _decoded(metadata.get(EPOCH_KEY))
@@ -110,6 +139,11 @@ def _meta(name: str, metadata: Mapping[bytes, bytes]) -> dict[str, object]:
     if _decoded(metadata.get(EARTH_KEY)) == "false":
         meta["earth_rotation"] = False
     text = {entry: _decoded(metadata[key]) for entry, key in TEXT_KEYS.items() if key in metadata}
+    if text.get("gnss_time_scale", TIME_SCALES[0]) not in TIME_SCALES:
+        raise LogError(
+            f"{name}: the metadata levelhead.gnss_time_scale is {shown(str(text['gnss_time_scale']))}; it must be one "
+            f"of {', '.join(TIME_SCALES)}."
+        )
     meta |= {entry: text[entry] for entry in ("gnss_time_scale", "corrected_by") if entry in text}
     return {**meta, **declared(name, datum=text.get(DATUM_KEY), height=text.get(HEIGHT_KEY))}
 
@@ -126,9 +160,12 @@ def _decoded(value: bytes | None) -> str | None:
 
 def _epoch(name: str, text: str) -> float:
     try:
-        return float(text)
+        epoch = float(text)
     except ValueError:
-        raise LogError(f"{name}: the metadata levelhead.epoch is {text!r}; it must be a number of seconds.") from None
+        epoch = math.nan
+    if not math.isfinite(epoch):
+        raise LogError(f"{name}: the metadata levelhead.epoch is {shown(text)}; it must be a number of seconds.")
+    return epoch
 
 
 READER: Final = Reader(name="parquet", title="canonical Parquet", sniff=sniff, read=read)

@@ -26,7 +26,7 @@ from levelhead.conventions import (
 )
 from levelhead.errors import LogError
 from levelhead.logs.pieces import Fact, GnssData, ImuData, Pieces, none_if_absent
-from levelhead.logs.readers.base import Role, Table
+from levelhead.logs.readers.base import MAX_TEXT_SHOWN, Role, Table, shown, shown_names
 from levelhead.logs.timescales import GPST, UTC
 
 BoolArray = NDArray[np.bool_]
@@ -37,8 +37,8 @@ SINCE_1970: Final = (UTC, GPST)
 """Units of a time column that is seconds since 1970 in that time scale."""
 
 _NAME_AND_UNIT = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\]]*)\])?\s*")
-MAX_NAMES_SHOWN: Final = 16
-"""Column names that an error lists at most."""
+MAX_NAMES_COMPARED: Final = 200
+"""Column names among which that which was meant is looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,7 @@ def unit_factor(column: str, unit: str, *, where: str) -> float:
     """Return the factor from `unit` to the canonical unit of `column`; `where` begins the error's sentence."""
     factors = UNIT_FACTORS[CANONICAL_UNITS[column]]
     if unit not in factors:
-        raise LogError(f"{where}: the unit {unit!r} of {column} is not known; use one of {', '.join(factors)}.")
+        raise LogError(f"{where}: the unit {shown(unit)} of {column} is not known; use one of {', '.join(factors)}.")
     return factors[unit]
 
 
@@ -142,12 +142,12 @@ def _require(name: str, headers: Sequence[str], found: dict[str, Column], wanted
     if not missing:
         return
     have = [split_unit(h)[0] for h in headers]
-    shown = ", ".join(have[:MAX_NAMES_SHOWN]) + (", ..." if len(have) > MAX_NAMES_SHOWN else "")
-    close = difflib.get_close_matches(missing[0], [h for h in have if h not in found], n=1)
+    near = [h for h in have[:MAX_NAMES_COMPARED] if h not in found and len(h) <= MAX_TEXT_SHOWN]
+    close = difflib.get_close_matches(missing[0], near, n=1)
     hint = f" Is {close[0]} meant as {missing[0]}?" if close else ""
     raise LogError(
         f"{name}: the column{'s' if len(missing) > 1 else ''} {', '.join(missing)} "
-        f"{'are' if len(missing) > 1 else 'is'} missing (found: {shown}).{hint} "
+        f"{'are' if len(missing) > 1 else 'is'} missing (found: {shown_names(have)}).{hint} "
         "Name the columns canonically or describe them in a mapping file (mapping=)."
     )
 

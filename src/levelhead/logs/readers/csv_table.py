@@ -7,6 +7,7 @@ line; such a line is left out and counted. A bad line anywhere else is an error 
 from __future__ import annotations
 
 import csv
+import io
 import re
 import statistics
 from collections.abc import Mapping, Sequence
@@ -18,20 +19,25 @@ import numpy as np
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
+from levelhead.logs.readers.base import shown
 
 _LINE_END: Final = b"\r\n"
+_CONTROL: Final = bytes(c for c in range(32) if c not in b"\t\r\n")
 _BLANK: Final = frozenset({"", "nan", "NaN", "NA", "null", "NULL", "N/A", "#N/A", "n/a", "-nan", "-NaN"})
 """Cells that mean "absent": those of the list of pyarrow that occur in practice."""
-_NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?)\s*", re.IGNORECASE)
-_PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*")
 DELIMITERS: Final = (",", ";", "\t")
+_NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?)\s*", re.IGNORECASE | re.ASCII)
+_NOT_LINE_END = re.compile(rb"[^\r\n]")
+_PIECE_OF_NUMBER = re.compile(r"[-+.eE\d]*", re.ASCII)
 LAYOUT_LINES: Final = 5
 """Lines whose columns are counted where no header names them."""
 ENDS_COMPARED: Final = 50
 """Lines whose last cells are compared with that of the last line."""
 MAX_LAYOUT_BYTES: Final = 65536
-MAX_TEXT_SHOWN: Final = 40
-"""Characters of a bad cell that an error shows at most."""
+MAX_LINE: Final = 1 << 20
+"""Bytes of a line that is looked into."""
+LINES_ABOVE: Final = 50
+"""Lines that the last one is held against where its end is missing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,17 +80,19 @@ class CsvNumbers:
     def where(self, row: int) -> str:
         """Return "line 17" for a row (from 0); the file is read again to count its blank lines."""
         seen = -1
-        lines = self.path.read_bytes()[self.start :].split(b"\n")
-        for offset, line in enumerate(lines):
-            seen += bool(line.strip(_LINE_END))
-            if seen == row:
-                return f"line {self.first_line + offset}"
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            for offset, line in enumerate(file):
+                seen += bool(line.strip(_LINE_END))
+                if seen == row:
+                    return f"line {self.first_line + offset}"
         return f"row {row + 1}"
 
 
 def is_text(head: bytes) -> bool:
     """Return whether the beginning of a file is text: UTF-8 without control characters."""
-    if any(c < 32 and c not in b"\t\r\n" for c in head.rstrip(b"\0")):
+    body = head.rstrip(b"\0")
+    if len(body.translate(None, _CONTROL)) < len(body):
         return False
     try:
         head.decode("utf-8")
@@ -243,6 +251,7 @@ def read_numbers(
         last.endswith(layout.delimiter.encode())
         or _steps_back(body, layout, wanted[time_column])
         or (doubt_end and not _ends_like_others(body, layout.delimiter))
+        or (len(layout.names) - 1 in wanted.values() and _lost_digits(body, layout))
     )
     if body and (ends_early or _is_cut(last, layout, wanted)):
         body = body[: body.rfind(b"\n") + 1]
@@ -280,7 +289,7 @@ def _parse(
 
 def _explain(name: str, body: bytes, layout: CsvLayout, wanted: Mapping[str, int], first_line: int, reason: str) -> str:
     """Return the sentence for the first line that pyarrow cannot take."""
-    for number, line in enumerate(body.split(b"\n"), first_line):
+    for number, line in enumerate(io.BytesIO(body), first_line):
         if not line.strip(_LINE_END):
             continue
         cells = _cells(line, layout.delimiter)
@@ -293,7 +302,7 @@ def _explain(name: str, body: bytes, layout: CsvLayout, wanted: Mapping[str, int
             if not _is_number(cells[index]):
                 column = layout.names[index] if layout.header else f"number {layout.names[index]}"
                 return (
-                    f"{name}, line {number}: the column {column} holds the text {_shown(cells[index])} where a number "
+                    f"{name}, line {number}: the column {column} holds the text {shown(cells[index])} where a number "
                     "is expected; repair or remove the line."
                 )
     return f"{name}: the text cannot be parsed as CSV ({reason}); check the export."
@@ -327,13 +336,31 @@ def _ends_like_others(body: bytes, delimiter: str) -> bool:
     return len(set(written[1:][-ENDS_COMPARED:])) <= 1
 
 
+def _lost_digits(body: bytes, layout: CsvLayout) -> bool:
+    """Return whether the last number has fewer decimals than those above it: 9.8 under numbers like 9.81 was cut."""
+    lines = [line for line in body[-MAX_LAYOUT_BYTES:].split(b"\n")[-LINES_ABOVE - 1 :] if line.strip(_LINE_END)]
+    rows = [cells for cells in (_cells(line, layout.delimiter) for line in lines) if len(cells) == len(layout.names)]
+    decimals = [len(row[-1].strip().partition(".")[2]) for row in rows if row[-1].strip()]
+    return len(decimals) > 1 and decimals[-1] < min(decimals[:-1])
+
+
 def _line(body: bytes, *, first: bool) -> bytes:
     """Return the first or the last line that is not blank."""
-    body = body.strip(_LINE_END)
-    return body.partition(b"\n")[0] if first else body.rpartition(b"\n")[2]
+    # Searched and sliced, so that a long text is not copied.
+    if first:
+        begin = next((m.start() for m in _NOT_LINE_END.finditer(body)), 0)
+        end = body.find(b"\n", begin)
+        return body[begin:] if end < 0 else body[begin:end].rstrip(_LINE_END)
+    end = len(body)
+    while end and body[end - 1] in _LINE_END:
+        end -= 1
+    return body[body.rfind(b"\n", 0, end) + 1 : end]
 
 
 def _cells(line: bytes, delimiter: str) -> Sequence[str]:
+    if len(line) > MAX_LINE:
+        # No row of a log, whatever it is; as one cell it is refused with a sentence.
+        return [line[:MAX_LAYOUT_BYTES].decode("utf-8", errors="replace")]
     text = line.decode("utf-8", errors="replace").strip("\r\n")
     try:
         return next(csv.reader([text], delimiter=delimiter), [])
@@ -344,7 +371,3 @@ def _cells(line: bytes, delimiter: str) -> Sequence[str]:
 
 def _is_number(text: str) -> bool:
     return text.strip() in _BLANK or _NUMBER.fullmatch(text) is not None
-
-
-def _shown(text: str) -> str:
-    return repr(text if len(text) <= MAX_TEXT_SHOWN else text[:MAX_TEXT_SHOWN] + "...")

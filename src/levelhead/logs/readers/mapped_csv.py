@@ -9,8 +9,7 @@ from levelhead.conventions import TIME_COLUMN
 from levelhead.errors import LogError, UsageError
 from levelhead.logs.mapping import TableMapping
 from levelhead.logs.pieces import Pieces
-from levelhead.logs.readers.base import Reader, Source, Table
-from levelhead.logs.readers.columns import MAX_NAMES_SHOWN
+from levelhead.logs.readers.base import Reader, Source, Table, content_of, shown_names
 from levelhead.logs.readers.csv_table import CsvLayout, find_layout, read_numbers
 from levelhead.logs.readers.mapped import mapped_pieces
 
@@ -39,7 +38,7 @@ def _numbers(path: Path, mapping: TableMapping) -> Table:
     """Return the mapped columns as they stand in the file."""
     if mapping.variable is not None:
         raise UsageError(f"{path.name} is no MATLAB file; leave variable = {mapping.variable!r} out.")
-    content = path.read_bytes()
+    content = content_of(path)
     layout = find_layout(content, name=path.name, header=mapping.header, delimiter=mapping.delimiter)
     wanted = {column: _index(path.name, layout, target) for column, target in mapping.columns.items()}
     numbers = read_numbers(path, content, layout, wanted, time_column=TIME_COLUMN)
@@ -57,11 +56,10 @@ def _index(name: str, layout: CsvLayout, target: str | int) -> int:
         return target - 1
     count = layout.names.count(target)
     if count != 1:
-        shown = ", ".join(layout.names[:MAX_NAMES_SHOWN]) + (", ..." if len(layout.names) > MAX_NAMES_SHOWN else "")
         found = "is missing from" if count == 0 else "appears twice in"
         raise LogError(
-            f"{name}: the column {target!r} {found} the header (found: {shown}); check the mapping, and pass gnss= if "
-            "the GNSS data is in another file."
+            f"{name}: the column {target!r} {found} the header (found: {shown_names(layout.names)}); check the "
+            "mapping, and pass gnss= if the GNSS data is in another file."
         )
     return layout.names.index(target)
 

@@ -27,10 +27,9 @@ from levelhead.events import Event
 from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, declared
 from levelhead.logs.mapping import UP_COLUMN
 from levelhead.logs.pieces import Fact, GnssData, Pieces
-from levelhead.logs.readers.base import Reader, Source, Table
+from levelhead.logs.readers.base import Reader, Source, Table, shown_names
 from levelhead.logs.readers.columns import (
     IMU_COLUMNS,
-    MAX_NAMES_SHOWN,
     pieces_from_table,
     split_unit,
 )
@@ -175,7 +174,7 @@ def _wanted(name: str, layout: CsvLayout, found: NamedColumns, source: Source) -
     if not found.has((TIME_COLUMN,)) or not (imu or gnss):
         needed = (TIME_COLUMN, *IMU_COLUMNS) if source.role == "imu" else (TIME_COLUMN, *VELOCITY_COLUMNS)
         missing = [c for c in needed if c not in found.chosen]
-        shown = ", ".join(layout.names[:MAX_NAMES_SHOWN]) + (", ..." if len(layout.names) > MAX_NAMES_SHOWN else "")
+        shown = shown_names(layout.names)
         raise LogError(f"{name}: no column is understood as {', '.join(missing)} (found: {shown}); {_BY_MAPPING}.")
     aside: tuple[str, ...] = (WHEEL_SPEED_COLUMN,) if imu else ()
     if gnss:

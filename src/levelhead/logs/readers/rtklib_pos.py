@@ -12,24 +12,22 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
 from levelhead.logs.datum import ELLIPSOIDAL, MEAN_SEA_LEVEL, declared
 from levelhead.logs.pieces import GnssData, Pieces, none_if_absent
-from levelhead.logs.readers.base import Reader, Source
+from levelhead.logs.readers.base import Reader, Source, content_of, shown, shown_names
 from levelhead.logs.readers.csv_table import is_text
 from levelhead.logs.readers.receivers import known_std
 from levelhead.logs.timescales import gps_instant
-
-TextArray = NDArray[np.str_]
-
 
 _COLUMN_LINE = re.compile(rb"^%\s*(GPST|UTC|JST)\b(.*)$", re.MULTILINE)
 _DATUM_LINE = re.compile(rb"^%\s*\(lat/lon/height=([^/,)\r\n]*)/([^,)\r\n]*)", re.MULTILINE)
 _HEIGHTS: Final = {"ellipsoidal": ELLIPSOIDAL, "geodetic": MEAN_SEA_LEVEL}
 """RTKLIB's words for what heights count from; "geodetic" are those over its geoid model."""
+_STAMP: Final = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{0,12})?", re.ASCII)
+_IN_NUMBERS: Final = frozenset("0123456789+-.eE")
 _POSITION: Final = ("latitude", "longitude", "height")
 
 
@@ -48,15 +46,15 @@ def read(source: Source) -> Pieces:
         it, and on lines that are no solution.
     """
     name = source.path.name
-    content = source.path.read_bytes()
+    content = content_of(source.path)
     scale, names = _column_names(name, content)
     meta = _datum(name, content)
     lines, numbers_of, left_out = _solution_lines(content, len(names) + 2)
-    tokens = _tokens(name, lines, numbers_of, len(names) + 2)
-    if len(tokens) == 0:
+    words = _words(lines, numbers_of, name, len(names) + 2)
+    if not words:
         raise LogError(f"{name}: the file has a header but no solution; check RTKLIB's processing.")
-    time = _times(name, tokens, numbers_of)
-    values = {n: _numbers(name, n, tokens[:, k + 2], numbers_of) for k, n in enumerate(names) if n in _USED}
+    time = _times(name, words[0], words[1], numbers_of)
+    values = {n: _numbers(name, n, words[k + 2], numbers_of) for k, n in enumerate(names) if n in _USED}
     _check_globe(name, values, numbers_of)
     llh = np.column_stack([values[n] for n in _POSITION])
     gnss = GnssData(
@@ -83,7 +81,7 @@ def _column_names(name: str, content: bytes) -> tuple[str, list[str]]:
     if "latitude(deg)" not in names or "longitude(deg)" not in names:
         raise LogError(
             f"{name}: the solutions are not latitude, longitude and height in degrees (the columns are "
-            f"{', '.join(names[:3])}); set RTKLIB's out-solformat = llh and out-degform = deg."
+            f"{shown_names(names[:3])}); set RTKLIB's out-solformat = llh and out-degform = deg."
         )
     return matches[-1].group(1).decode(), [n.partition("(")[0] for n in names]
 
@@ -124,8 +122,8 @@ def _solution_lines(content: bytes, width: int) -> tuple[list[bytes], list[int],
     return [line for _, line in numbered], [number for number, _ in numbered], left_out
 
 
-def _tokens(name: str, lines: Sequence[bytes], numbers_of: Sequence[int], width: int) -> TextArray:
-    """Return the words of all lines, shape (lines, width)."""
+def _words(lines: Sequence[bytes], numbers_of: Sequence[int], name: str, width: int) -> list[tuple[str, ...]]:
+    """Return the columns of words."""
     rows = [line.decode("utf-8", errors="replace").split() for line in lines]
     for row, number in zip(rows, numbers_of, strict=True):
         if len(row) != width:
@@ -133,26 +131,31 @@ def _tokens(name: str, lines: Sequence[bytes], numbers_of: Sequence[int], width:
                 f"{name}, line {number}: the line has {len(row)} columns where {width} are expected; repair or remove "
                 "the line."
             )
-    return np.array(rows, dtype=np.str_).reshape(len(rows), width)
+    return list(zip(*rows, strict=True))
 
 
-def _times(name: str, tokens: TextArray, numbers_of: Sequence[int]) -> FloatArray:
+def _times(name: str, days: Sequence[str], clocks: Sequence[str], numbers_of: Sequence[int]) -> FloatArray:
     """Return seconds since 1970: from ``yyyy/mm/dd hh:mm:ss.sss``, or from GPS week and second of the week."""
-    if "/" not in tokens[0, 0]:
-        week = _numbers(name, "week", tokens[:, 0], numbers_of)
-        return gps_instant(week, _numbers(name, "second of the week", tokens[:, 1], numbers_of))
-    stamps = [f"{day.replace('/', '-')}T{clock}" for day, clock in tokens[:, :2]]
+    if "/" not in days[0]:
+        week = _numbers(name, "week", days, numbers_of)
+        return gps_instant(week, _numbers(name, "second of the week", clocks, numbers_of))
+    stamps = [f"{day.replace('/', '-')}T{clock}" for day, clock in zip(days, clocks, strict=True)]
     try:
+        if not all(map(_STAMP.fullmatch, stamps)):
+            raise ValueError
         instants = np.array(stamps, dtype="datetime64[us]")
     except ValueError:
         bad = next(k for k, stamp in enumerate(stamps) if not _is_instant(stamp))
         raise LogError(
-            f"{name}, line {numbers_of[bad]}: {' '.join(tokens[bad, :2])!r} is not a time; repair or remove the line."
+            f"{name}, line {numbers_of[bad]}: {shown(f'{days[bad]} {clocks[bad]}')} is not a time; repair or remove "
+            "the line."
         ) from None
     return instants.astype(np.int64).astype(np.float64) / 1e6
 
 
 def _is_instant(text: str) -> bool:
+    if _STAMP.fullmatch(text) is None:
+        return False
     try:
         np.datetime64(text, "us")
     except ValueError:
@@ -160,16 +163,19 @@ def _is_instant(text: str) -> bool:
     return True
 
 
-def _numbers(name: str, column: str, texts: TextArray, numbers_of: Sequence[int]) -> FloatArray:
+def _numbers(name: str, column: str, texts: Sequence[str], numbers_of: Sequence[int]) -> FloatArray:
     try:
-        values = texts.astype(np.float64)
+        # Python would also take 1_0 and the digits of other scripts.
+        if not _IN_NUMBERS.issuperset("".join(texts)):
+            raise ValueError
+        values = np.array(list(map(float, texts)))
     except ValueError:
         values = np.array([_number_or_nan(text) for text in texts])
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         k = int(bad[0])
         raise LogError(
-            f"{name}, line {numbers_of[k]}: the column {column} holds {str(texts[k])!r} where a number is expected; "
+            f"{name}, line {numbers_of[k]}: the column {column} holds {shown(texts[k])} where a number is expected; "
             "repair or remove the line."
         )
     return values
@@ -177,7 +183,7 @@ def _numbers(name: str, column: str, texts: TextArray, numbers_of: Sequence[int]
 
 def _number_or_nan(text: str) -> float:
     try:
-        return float(text)
+        return float(text) if _IN_NUMBERS.issuperset(text) else float("nan")
     except ValueError:
         return float("nan")
 

@@ -24,13 +24,16 @@ def find_sibling(path: Path) -> Path | None:
         When several files fit.
     """
     match = _IMU.search(path.stem)
-    if match is None or not path.is_file():
+    try:
+        if match is None or not path.is_file():
+            return None
+        beside = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
+    except OSError:
+        # A folder whose files may be read but not listed, or a name that no file can have.
         return None
     before, after = re.escape(path.stem[: match.start()]), re.escape(path.stem[match.end() :])
     pattern = re.compile(f"{before}{_GNSS}{after}(?![A-Za-z0-9]).*", re.IGNORECASE)
-    fitting = sorted(
-        p for p in path.parent.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file() and pattern.fullmatch(p.stem)
-    )
+    fitting = [p for p in beside if pattern.fullmatch(p.stem)]
     exact = [p for p in fitting if p.suffix == path.suffix] or fitting
     if len(exact) > 1:
         raise UsageError(
