@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,6 +53,11 @@ class Told:
         if self.velocity_frame is not None and self.velocity_frame not in (*VELOCITY_FRAMES, ECEF):
             known = ", ".join((*VELOCITY_FRAMES, ECEF))
             raise UsageError(f"The velocity frame {self.velocity_frame!r} is not known; use one of {known}.")
+        numbers = {"latency": (self.latency_s,), "mounting yaw": (self.mounting_yaw,), "lever arm": self.lever_arm or ()}
+        for what, values in numbers.items():
+            if not all(value is None or math.isfinite(value) for value in values):
+                shown = ", ".join(str(value) for value in values)
+                raise UsageError(f"The {what} is {shown}; pass finite numbers.")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
