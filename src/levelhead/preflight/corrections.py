@@ -53,10 +53,14 @@ class Told:
         if self.velocity_frame is not None and self.velocity_frame not in (*VELOCITY_FRAMES, ECEF):
             known = ", ".join((*VELOCITY_FRAMES, ECEF))
             raise UsageError(f"The velocity frame {self.velocity_frame!r} is not known; use one of {known}.")
-        numbers = {"latency": (self.latency_s,), "mounting yaw": (self.mounting_yaw,), "lever arm": self.lever_arm or ()}
-        for what, values in numbers.items():
-            if not all(value is None or math.isfinite(value) for value in values):
-                shown = ", ".join(str(value) for value in values)
+        arm = self.lever_arm or ()
+        for what, numbers in (
+            ("latency", (self.latency_s,)),
+            ("mounting yaw", (self.mounting_yaw,)),
+            ("lever arm", arm),
+        ):
+            if not all(number is None or math.isfinite(number) for number in numbers):
+                shown = ", ".join(str(number) for number in numbers)
                 raise UsageError(f"The {what} is {shown}; pass finite numbers.")
 
 
