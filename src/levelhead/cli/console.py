@@ -23,9 +23,14 @@ def terminal(*, errors: bool = False) -> Console:
     return Console(stderr=errors, highlight=False)
 
 
+def plain(text: str) -> str:
+    """Return text from a file or a file name with its control characters shown, so that it cannot steer a terminal."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
 def say_error(sentence: str) -> None:
-    """Write one sentence to stderr, as it is: no markup, no wrapping."""
-    sys.stderr.write(f"levelhead: {sentence}\n")
+    """Write one sentence to stderr, without markup and wrapping."""
+    sys.stderr.write(f"levelhead: {plain(sentence)}\n")
 
 
 @contextmanager
