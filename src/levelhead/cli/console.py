@@ -75,4 +75,4 @@ def show_result(result: Result, *, truth: dict[str, list[float]] | None = None) 
     angles = (math.degrees(float(a[-1])) for a in (result.roll, result.pitch, result.heading))
     console.print("At the end: roll {:.2f}°, pitch {:.2f}°, heading {:.1f}°.".format(*angles))
     for event in result.events:
-        console.print(f"{event.code} ({event.count}×): {event.text}", markup=False)
+        console.print(f"{event.code} ({event.count}×): {plain(event.text)}", markup=False)
