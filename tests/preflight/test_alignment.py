@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from samples.strange_logs import finding, late, without_positions
 
 import levelhead as lh
 from levelhead.conventions import GRAVITY
@@ -15,6 +14,7 @@ from levelhead.preflight import Verdict, check
 from levelhead.preflight.alignment import Alignment, Noise, _whitened
 from levelhead.preflight.look import look_at
 from levelhead.sim import SensorModel
+from samples.strange_logs import finding, late, without_positions
 
 
 def aligned(log: lh.Log, lever_arm: tuple[float, float, float] | None = None) -> Alignment:
@@ -76,7 +76,9 @@ def test_exact_data_gives_the_exact_offset(offset: float, perfect: lh.Log) -> No
 
 def test_biases_do_not_move_the_offset(perfect: lh.Log) -> None:
     biased = replace(
-        late(perfect, 0.2), gyro=perfect.gyro + np.radians([0.2, -0.1, 0.15]), accel=perfect.accel + [0.2, -0.1, 0.1]
+        late(perfect, 0.2),
+        gyro=perfect.gyro + np.radians([0.2, -0.1, 0.15]),
+        accel=perfect.accel + np.array([0.2, -0.1, 0.1]),
     )
     # faults.md demands 10 ms; biases are unknowns of the fit, so what is left of them is second order.
     assert aligned(biased).offset_s == pytest.approx(0.2, abs=1e-3)

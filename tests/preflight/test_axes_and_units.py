@@ -8,6 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
+import levelhead as lh
+from levelhead.conventions import FloatArray
+from levelhead.preflight import Preflight, Verdict, check
 from samples.strange_logs import (
     SIGNED_AXES,
     finding,
@@ -16,12 +20,9 @@ from samples.strange_logs import (
     in_frame,
     in_g,
     unsaid,
+    velocities,
     without_positions,
 )
-
-import levelhead as lh
-from levelhead.conventions import FloatArray
-from levelhead.preflight import Preflight, Verdict, check
 
 SETTLED = (Verdict.FINE, Verdict.CORRECTED)
 YAW_DEG = 0.5
@@ -51,7 +52,7 @@ def assert_put_right(found: Preflight, drive: lh.Log, number: int) -> None:
     assert fix.accel_factor == (lh.conventions.GRAVITY if number // 2 % 2 else 1.0), number
     assert left_deg(fix.gyro_dcm, SIGNED_AXES[number]) < YAW_DEG, number
     np.testing.assert_array_equal(fix.accel_dcm, fix.gyro_dcm)
-    np.testing.assert_allclose(found.log.velocity_ned, drive.velocity_ned, atol=1e-9)  # rounding by way of ECEF
+    np.testing.assert_allclose(velocities(found.log), velocities(drive), atol=1e-9)  # rounding by way of ECEF
     # So are the readings: half a degree of 11 m/s^2 and of 1 rad/s, which neither ever exceeds.
     np.testing.assert_allclose(found.log.gyro, drive.gyro, atol=math.radians(YAW_DEG))
     np.testing.assert_allclose(found.log.accel, drive.accel, atol=11.0 * math.radians(YAW_DEG))

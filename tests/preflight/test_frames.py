@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from samples.strange_logs import in_frame, unsaid, without_positions
 
 import levelhead as lh
 from levelhead.conventions import FloatArray
@@ -21,6 +20,7 @@ from levelhead.preflight.frames import (
 )
 from levelhead.preflight.look import look_at
 from levelhead.preflight.windows import rotations
+from samples.strange_logs import in_frame, unsaid, without_positions
 
 RNG = np.random.default_rng(3)
 

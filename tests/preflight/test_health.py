@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from samples.strange_logs import finding
 
 import levelhead as lh
 from levelhead.preflight import Finding, Verdict
@@ -15,6 +14,7 @@ from levelhead.preflight.excitation import excitation
 from levelhead.preflight.health import health
 from levelhead.preflight.look import motion_of
 from levelhead.sim import SensorModel
+from samples.strange_logs import finding
 
 
 def found(log: lh.Log) -> dict[str, Finding]:
@@ -45,7 +45,7 @@ def test_rates_are_counted(drive: lh.Log) -> None:
     assert "Record at 20 Hz" in found(slow)["rates"].text
 
 
-def test_jitter_is_told(drive: lh.Log) -> None:
+def test_jitter_is_told() -> None:
     sensors = SensorModel(imu_rate=50.0, imu_time_jitter=0.002)
     log = lh.simulate("windrower", seed=1, duration=100.0, sensors=sensors)[0]
     # Two stamps' errors of 2 ms, 1.96 sigma of a 20 ms interval.

@@ -7,6 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
+import levelhead as lh
+from levelhead.logs.mapping import rotation_321
+from levelhead.preflight import Preflight, Verdict, check
 from samples.strange_logs import (
     BACK_RIGHT_UP,
     finding,
@@ -19,13 +23,10 @@ from samples.strange_logs import (
     without_positions,
 )
 
-import levelhead as lh
-from levelhead.preflight import Preflight, Verdict, check
-
 
 def strange(log: lh.Log) -> lh.Log:
     """Return a log in which about everything is to be put right."""
-    turn = lh.logs.mapping.rotation_321(roll=0.0, pitch=0.0, yaw=math.radians(4.0)).T
+    turn = rotation_321(roll=0.0, pitch=0.0, yaw=math.radians(4.0)).T
     return unsaid(late(in_g(in_degrees(in_axes(log, BACK_RIGHT_UP @ turn))), 0.2))
 
 

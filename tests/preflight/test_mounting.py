@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from samples.strange_logs import finding, in_axes, unsaid
 
 import levelhead as lh
 from levelhead.conventions import FloatArray
@@ -16,6 +15,7 @@ from levelhead.preflight import Told, Verdict, check
 from levelhead.preflight.look import look_at
 from levelhead.preflight.mounting import ONE_WAY, Mounting
 from levelhead.sim import SensorModel
+from samples.strange_logs import finding, in_axes, unsaid
 
 
 def mounted(log: lh.Log) -> Mounting:

@@ -8,6 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
+import levelhead as lh
+from levelhead.errors import UsageError
+from levelhead.logs.mapping import rotation_321
+from levelhead.preflight import Told, Verdict, check
 from samples.strange_logs import (
     BACK_RIGHT_UP,
     FLU,
@@ -21,11 +26,6 @@ from samples.strange_logs import (
     unsaid,
     without_positions,
 )
-
-import levelhead as lh
-from levelhead.errors import UsageError
-from levelhead.logs.mapping import rotation_321
-from levelhead.preflight import Told, Verdict, check
 
 Fault = Callable[[lh.Log], lh.Log]
 FAULTS: list[tuple[str, str, Fault, Told, str]] = [
@@ -190,7 +190,7 @@ def test_axes_of_a_reader_and_corrections_are_one_rotation(drive: lh.Log) -> Non
 
 
 def test_readings_without_gravity_are_refused_whoever_says_what(drive: lh.Log) -> None:
-    linear = replace(drive, accel=drive.accel + [0.0, 0.0, 9.80665])
+    linear = replace(drive, accel=drive.accel + np.array([0.0, 0.0, 9.80665]))
     for log, told in ((unsaid(linear), None), (assumed(linear), None), (linear, Told(accel_unit="m/s^2"))):
         refused = {f.name: f for f in check(log, told=told).refused}
         assert refused["accelerometer unit"].code == "E_NO_GRAVITY"

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+import levelhead as lh
+from levelhead.errors import LogError
+from levelhead.preflight import Told, Verdict, check
 from samples.strange_logs import (
     FLU,
     assumed,
@@ -18,13 +23,10 @@ from samples.strange_logs import (
     in_g,
     late,
     unsaid,
+    velocities,
     without_positions,
     without_velocities,
 )
-
-import levelhead as lh
-from levelhead.errors import LogError
-from levelhead.preflight import Told, Verdict, check
 
 OPTIONS = {
     "gyro unit": "--gyro-unit",
@@ -40,7 +42,8 @@ TOLD = Told(axes="x,y,z", gyro_unit="rad/s", velocity_frame="NED", latency_s=0.0
 def epochs(log: lh.Log, keep: NDArray[np.bool_]) -> lh.Log:
     """Return a log with some of its GNSS epochs."""
     fields = ("gnss_time", "velocity_ned", "velocity_std", "position_llh", "position_std")
-    return replace(log, **{n: None if getattr(log, n) is None else getattr(log, n)[keep] for n in fields})
+    kept: dict[str, Any] = {n: None if getattr(log, n) is None else getattr(log, n)[keep] for n in fields}
+    return replace(log, **kept)
 
 
 def samples(log: lh.Log, keep: NDArray[np.bool_]) -> lh.Log:
@@ -164,7 +167,7 @@ def test_velocities_that_are_partly_absent_are_left_out(drive: lh.Log) -> None:
     holes[::3] = np.nan
     found = check(unsaid(replace(in_axes(drive, FLU), velocity_ned=holes)))
     assert finding(found, "axes").values["axes"] == "x,-y,-z"
-    np.testing.assert_array_equal(np.isnan(found.trusted().velocity_ned), np.isnan(holes))
+    np.testing.assert_array_equal(np.isnan(velocities(found.trusted())), np.isnan(holes))
 
 
 def test_a_speed_and_course_without_vertical_velocity_has_no_frame_to_get_wrong(drive: lh.Log) -> None:

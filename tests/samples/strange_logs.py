@@ -93,3 +93,9 @@ def finding(found: Preflight, name: str) -> Finding:
     """Return the one finding of a name."""
     (one,) = (f for f in found.findings if f.name == name)
     return one
+
+
+def velocities(log: Log) -> FloatArray:
+    """Return the velocities of a log that has some."""
+    assert log.velocity_ned is not None
+    return log.velocity_ned
