@@ -23,13 +23,14 @@ def aligned(log: lh.Log, lever_arm: tuple[float, float, float] | None = None) ->
     return found
 
 
-def test_whitened_rows_are_independent_and_of_unit_size() -> None:
+@pytest.mark.parametrize(("gyro_deg_s", "accel", "longest_s"), [(0.1, 0.05, 0.5), (1.0, 0.01, 3.0)])
+def test_whitened_rows_are_independent_and_of_unit_size(gyro_deg_s: float, accel: float, longest_s: float) -> None:
     """Noise of all sensors as the docstring models it, some epochs missing: innovations of a Kalman filter."""
     windows, epochs = 2000, 40
     rng = np.random.default_rng(0)
-    noise = Noise(gyro=math.radians(0.1), accel=0.05)
+    noise = Noise(gyro=math.radians(gyro_deg_s), accel=accel)
     sigma = np.full((windows, epochs, 3), 0.03)
-    elapsed = np.cumsum(rng.uniform(0.1, 0.5, (windows, epochs)), axis=1)
+    elapsed = np.cumsum(rng.uniform(0.1, longest_s, (windows, epochs)), axis=1)
     known = rng.random((windows, epochs)) < 0.8
     velocity, push = np.zeros((windows, 3)), np.zeros((windows, 3))
     rows = np.zeros((windows, epochs, 3, 1))

@@ -180,6 +180,23 @@ def test_the_mounting_yaw_that_is_told_beats_the_one_that_is_found(drive: lh.Log
     assert wrong.log.meta["mounting_deg"]["yaw"] == pytest.approx(-6.0)  # type: ignore[index]
 
 
+def test_the_corrections_are_all_that_was_done(drive: lh.Log) -> None:
+    """What was told and what was found, in one: applied to the log as read they give the log that is returned."""
+    turn = rotation_321(roll=0.0, pitch=0.0, yaw=math.radians(5.0)).T
+    log = unsaid(late(in_frame(in_g(in_degrees(in_axes(drive, FLU @ turn))), "ENU"), 0.2, drift=1e-4))
+    tolds = (
+        None,
+        Told(axes="x,-y,-z", gyro_unit="deg/s", latency_s=0.1),
+        Told(axes="y,x,-z", mounting_yaw=0.3, accel_unit="g"),
+        Told(velocity_frame="ENU", axes="-x,y,-z", latency_s=0.2),
+    )
+    for told in tolds:
+        found = check(log, told=told)
+        again = found.corrections.apply(log)
+        for name in ("gyro", "accel", "velocity_ned", "gnss_time"):
+            np.testing.assert_allclose(getattr(again, name), getattr(found.log, name), atol=1e-12, err_msg=name)
+
+
 def test_axes_of_a_reader_and_corrections_are_one_rotation(drive: lh.Log) -> None:
     log = replace(
         in_axes(drive, FLU), meta={"dcm_file_to_body": ((0, 1, 0), (1, 0, 0), (0, 0, -1)), "undeclared": ("axes",)}
