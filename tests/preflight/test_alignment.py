@@ -115,13 +115,13 @@ def test_a_lever_arm_that_nobody_told_is_found_where_the_speed_changes_sign() ->
 @pytest.mark.parametrize("scenario", ["windrower", "field", "hill", "reverse"])
 def test_the_sigma_of_the_clocks_holds(scenario: str) -> None:
     ratios = []
-    for seed, offset in enumerate((-0.5, -0.31, -0.06, 0.02, 0.24, 0.5)):
+    for seed, offset in enumerate((-0.5, -0.06, 0.24, 0.5)):
         sensors = SensorModel(gnss_latency=offset, imu_rate=50.0, gnss_rate=5.0)
         log = lh.simulate(scenario, seed=seed, duration=400.0, speed=7.0, sensors=sensors)[0]
         found = aligned(without_positions(log))
         ratios.append((found.offset_s - offset) / found.offset_std)
         assert found.offset_s == pytest.approx(offset, abs=0.03)
-    # Four sigma happen once in 16 000 draws; 24 are drawn here.
+    # Four sigma happen once in 16 000 draws; 16 are drawn here.
     assert np.abs(ratios).max() < 4.0
 
 
