@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from levelhead.cli.console import progress, say_error, terminal
+from levelhead.cli.console import plain, progress, say_error, terminal
 from levelhead.cli.options import (
     AccelUnitOption,
     AxesOption,
@@ -94,20 +94,21 @@ def _show(name: str, log: Log, found: Preflight) -> None:
 
     console = terminal()
     about = log.describe()
-    console.print(f"{name}: {log.meta.get('format')}, {log.duration:.0f} s, {about['distance_m']:.0f} m.", markup=False)
+    lead = f"{plain(name)}: {log.meta.get('format')}, {log.duration:.0f} s, {about['distance_m']:.0f} m."
+    console.print(lead, markup=False)
     streams = log.meta.get("streams", ())
     for stream in streams if isinstance(streams, tuple) else ():
         if isinstance(stream, Stream):
             what = {"imu": "IMU", "gnss": "GNSS"}[stream.kind]
             note = f" ({stream.note})" if stream.note else ""
-            console.print(f"  {what} {stream.name}: {stream.samples} samples{note}", markup=False)
+            console.print(f"  {what} {plain(stream.name)}: {stream.samples} samples{plain(note)}", markup=False)
     for event in log.events:
-        console.print(f"  {event.code} ({event.count}×): {event.text}", markup=False)
+        console.print(f"  {event.code} ({event.count}×): {plain(event.text)}", markup=False)
     table = Table(show_header=True, box=None, pad_edge=False)
     for heading in ("what", "verdict", "finding"):
         table.add_column(heading, overflow="fold")
     for finding in found.findings:
         colour = COLOURS[finding.verdict]
         verdict = f"[{colour}]{finding.verdict}[/]" if colour else str(finding.verdict)
-        table.add_row(escape(finding.name), verdict, escape(finding.text))
+        table.add_row(escape(finding.name), verdict, escape(plain(finding.text)))
     console.print(table)

@@ -23,9 +23,14 @@ def terminal(*, errors: bool = False) -> Console:
     return Console(stderr=errors, highlight=False)
 
 
+def plain(text: str) -> str:
+    """Return text from a file or a file name with its control characters shown, so that it cannot steer a terminal."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
 def say_error(sentence: str) -> None:
-    """Write one sentence to stderr, as it is: no markup, no wrapping."""
-    sys.stderr.write(f"levelhead: {sentence}\n")
+    """Write one sentence to stderr, without markup and wrapping."""
+    sys.stderr.write(f"levelhead: {plain(sentence)}\n")
 
 
 @contextmanager
@@ -70,4 +75,4 @@ def show_result(result: Result, *, truth: dict[str, list[float]] | None = None) 
     angles = (math.degrees(float(a[-1])) for a in (result.roll, result.pitch, result.heading))
     console.print("At the end: roll {:.2f}°, pitch {:.2f}°, heading {:.1f}°.".format(*angles))
     for event in result.events:
-        console.print(f"{event.code} ({event.count}×): {event.text}", markup=False)
+        console.print(f"{event.code} ({event.count}×): {plain(event.text)}", markup=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,7 +104,7 @@ def check(log: Log, *, told: Told | None = None) -> Preflight:
     fixed = found.apply(start)
     all_found = (*findings, *health(fixed, motion_of(fixed)), *excitation(fixed, look.motion))
     both = _together(given, found)
-    return Preflight(findings=all_found, corrections=both, log=_marked(fixed, all_found, both))
+    return Preflight(findings=all_found, corrections=both, log=_marked(fixed, all_found, both, told))
 
 
 def _told_facts(told: Told) -> frozenset[Fact]:
@@ -178,8 +179,8 @@ def _as_read(log: Log) -> FloatArray:
     return np.eye(3) if dcm is None else np.asarray(dcm, dtype=np.float64)
 
 
-def _marked(log: Log, findings: tuple[Finding, ...], fix: Corrections) -> Log:
-    """Return the log with what was found in its meta and its events."""
+def _marked(log: Log, findings: tuple[Finding, ...], fix: Corrections, told: Told) -> Log:
+    """Return the log with what was found in its meta and its events; what was told goes before what was found."""
     events = [
         Event(code=f.code, count=1, detail=_told(f))
         for f in findings
@@ -187,9 +188,13 @@ def _marked(log: Log, findings: tuple[Finding, ...], fix: Corrections) -> Log:
     ]
     values = {f.name: f.values for f in findings}
     mounting = {axis: values.get("mounting yaw", {}).get(f"{axis}_deg") for axis in ("yaw", "pitch", "roll")}
+    turned = any(f.name == "axes" and f.verdict is Verdict.CORRECTED for f in findings)
+    if told.mounting_yaw is not None and not turned:
+        mounting["yaw"] = math.degrees(told.mounting_yaw)
+    found_late = values.get("clock", {}).get("latency_s")
     meta: dict[str, object] = {
         "dcm_file_to_body": tuple(tuple(float(v) for v in row) for row in fix.accel_dcm @ _as_read(log)),
-        "latency_s": values.get("clock", {}).get("latency_s", fix.latency_s or None),
+        "latency_s": found_late if told.latency_s is None else told.latency_s,
         "preflight": {"findings": [f.as_dict() for f in findings]},
     }
     if mounting["yaw"] is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,6 +53,15 @@ class Told:
         if self.velocity_frame is not None and self.velocity_frame not in (*VELOCITY_FRAMES, ECEF):
             known = ", ".join((*VELOCITY_FRAMES, ECEF))
             raise UsageError(f"The velocity frame {self.velocity_frame!r} is not known; use one of {known}.")
+        arm = self.lever_arm or ()
+        for what, numbers in (
+            ("latency", (self.latency_s,)),
+            ("mounting yaw", (self.mounting_yaw,)),
+            ("lever arm", arm),
+        ):
+            if not all(number is None or math.isfinite(number) for number in numbers):
+                shown = ", ".join(str(number) for number in numbers)
+                raise UsageError(f"The {what} is {shown}; pass finite numbers.")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -70,6 +70,12 @@ class Claims:
         """Return what is to be done where the data cannot tell."""
         return Verdict.REFUSED if fact in self.unknown else Verdict.UNDECIDED
 
+    def remedy(self, fact: Fact, option: str, value: str) -> str:
+        """Return what to do where the data contradicts what is claimed: what was found is besides what was told."""
+        if self.verdict(fact) is Verdict.CORRECTED:
+            return ""
+        return f" {option} is wrong, then: leave it out." if fact in self.told else f" Pass {option}{value}."
+
 
 Decision = tuple[Finding, Corrections]
 
@@ -88,14 +94,14 @@ def accel_unit(look: Look, claims: Claims, fix: Corrections) -> Decision:
     if unit is None:
         text = (
             f"At rest the accelerometers read {look.accel_norm:.4g}, which is gravity in none of the units "
-            f"{', '.join(UNIT_FACTORS['m/s^2'])}; pass --accel-unit, or check the export."
+            f"{', '.join(UNIT_FACTORS['m/s^2'])}; check --accel-unit, or the export."
         )
         return Finding(name=name, verdict=Verdict.REFUSED, text=text, code=code, values=values), fix
     if UNIT_FACTORS["m/s^2"][unit] == 1.0:
         text = f"m/s^2: they read {look.accel_norm:.2f} where gravity is {GRAVITY:.2f}."
         return Finding(name=name, verdict=Verdict.FINE, text=text, values=values), fix
     verdict = claims.verdict("accel_unit")
-    remedy = "" if verdict is Verdict.CORRECTED else f" Pass --accel-unit {unit}."
+    remedy = claims.remedy("accel_unit", "--accel-unit", f" {unit}")
     text = f"{unit}, not m/s^2: they read {look.accel_norm:.4g} where gravity is {GRAVITY:.2f} m/s^2.{remedy}"
     fix = replace(fix, accel_factor=UNIT_FACTORS["m/s^2"][unit])
     return Finding(name=name, verdict=verdict, text=text, code=code, values={**values, "unit": unit}), fix
@@ -116,14 +122,14 @@ def gyro_unit(look: Look, claims: Claims, fix: Corrections) -> Decision:
     if unit is None:
         text = (
             f"The course turns by {ratio:.4g} rad where the gyros' readings add up to 1, which is none of the units "
-            f"{', '.join(UNIT_FACTORS['rad/s'])}; check the export."
+            f"{', '.join(UNIT_FACTORS['rad/s'])}; check --gyro-unit, or the export."
         )
         return Finding(name=name, verdict=Verdict.REFUSED, text=text, code=code, values=values), fix
     if UNIT_FACTORS["rad/s"][unit] == 1.0:
         text = f"rad/s: the course turns {ratio:.3f} +- {sigma:.3f} times as far as the gyros say."
         return Finding(name=name, verdict=Verdict.FINE, text=text, values=values), fix
     verdict = claims.verdict("gyro_unit")
-    remedy = "" if verdict is Verdict.CORRECTED else f" Pass --gyro-unit {unit}."
+    remedy = claims.remedy("gyro_unit", "--gyro-unit", f" {unit}")
     text = f"{unit}, not rad/s: the course turns by {ratio:.4g} rad where the readings add up to 1.{remedy}"
     fix = replace(fix, gyro_factor=UNIT_FACTORS["rad/s"][unit])
     return Finding(name=name, verdict=verdict, text=text, code=code, values={**values, "unit": unit}), fix
@@ -151,8 +157,9 @@ def velocity_frame(look: Look, claims: Claims, fix: Corrections) -> Decision:
     if found == "NED":
         return Finding(name=name, verdict=Verdict.FINE, text=f"NED: {how}.", values=values), fix
     verdict = claims.verdict("velocity_frame")
-    remedy = "" if verdict is Verdict.CORRECTED else f" Pass --velocity-frame {found}."
-    text = f"{found}, not NED: {how}.{remedy}"
+    remedy = claims.remedy("velocity_frame", "--velocity-frame", f" {found}")
+    told = "As told they are " if "velocity_frame" in claims.told else ""
+    text = f"{told}{found}, not NED: {how}.{remedy}"
     return (
         Finding(name=name, verdict=verdict, text=text, code=code, values=values),
         replace(fix, velocity_frame=found),
@@ -209,12 +216,13 @@ def _named_axes(force_sign: int, rate_sign: int, nearest: FloatArray, margin: fl
     }
     lead = f"(log-likelihood {margin:.0f} ahead of any other reading)"
     verdict = claims.verdict("axes")
-    remedy = "" if verdict is Verdict.CORRECTED else f" Pass --axes={shown}."
+    remedy = claims.remedy("axes", "--axes", f"={shown}")
     if force_sign == rate_sign == 1 and np.array_equal(nearest, np.eye(3)):
         return Finding(name="axes", verdict=Verdict.FINE, text=f"x forward, y right, z down {lead}.", values=values)
     if force_sign == rate_sign:
         mirrored = ", which is a mirror image" if force_sign < 0 else ""
-        text = f"Forward, right, down are {shown} of the file{mirrored} {lead}.{remedy}"
+        named = "axes as told" if "axes" in claims.told else "file"
+        text = f"Forward, right, down are {shown} of the {named}{mirrored} {lead}.{remedy}"
         code = "E_AXES"
     elif force_sign < 0:
         code = "E_FSIGN"
@@ -250,7 +258,8 @@ def _undecided_axes(look: Look, claims: Claims) -> Finding:
     if lean > UPRIGHT and look.coherence > MIN_COHERENCE:
         text = (
             f"Gravity does not lie along the z axis ({math.degrees(lean):.0f} deg off), so the axes are not forward, "
-            f"right, down; which they are is not certain: {reason}. Pass --axes."
+            f"right, down; which they are is not certain: {reason}. "
+            f"{'--axes is wrong, then.' if 'axes' in claims.told else 'Pass --axes.'}"
         )
         return Finding(name="axes", verdict=Verdict.REFUSED, text=text, code="E_AXES", values=values)
     verdict = claims.open("axes")
@@ -293,7 +302,11 @@ def clock(look: Look, claims: Claims, fix: Corrections, middle_s: float, duratio
         return Finding(name=name, verdict=verdict, text=f"{text}: left alone.", values=values), fix
     code = "W_LATENCY" if abs(late) > WARN_LATENCY_S or drift else ""
     if abs(late) > MAX_LATENCY_S and "clock" not in claims.unknown:
-        text += f", which is more than one log should have. If they belong together pass --latency {late:.3f}."
+        text += (
+            " besides what --latency says: leave that out."
+            if "clock" in claims.told
+            else f", which is more than one log should have. If they belong together pass --latency {late:.3f}."
+        )
         return Finding(name=name, verdict=Verdict.REFUSED, text=text, code="W_LATENCY", values=values), fix
     fix = replace(fix, latency_s=late, clock_drift=drift)
     return Finding(name=name, verdict=Verdict.CORRECTED, text=f"{text}: taken off.", code=code, values=values), fix

@@ -187,6 +187,8 @@ def _derived(log: Log) -> Motion:
             replace(log, gnss_time=log.gnss_time[rows], position_llh=position, position_std=std)
         )
     assert data.velocity_ned is not None  # noqa: S101 - for the type checker: derived
+    if data.gnss_time.size < 2:
+        raise LogError("The log has too few positions for two velocities; nothing can be found in it.")
     sigma = max(_velocity_noise(data.velocity_ned), MIN_SIGMA)
     return Motion(time=data.gnss_time, velocity=data.velocity_ned, sigma=np.full_like(data.velocity_ned, sigma))
 

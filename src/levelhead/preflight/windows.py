@@ -115,8 +115,9 @@ def choose_windows(imu_time: FloatArray, motion: Motion, *, margin: float) -> Wi
     total = length + 2.0 * margin
     starts = np.arange(imu_time[0], imu_time[-1] - total, length)
     gaps = np.flatnonzero(np.diff(imu_time) > MAX_GAP_S)
-    # A window is whole if no gap begins in it.
-    whole = np.searchsorted(imu_time[gaps], starts) == np.searchsorted(imu_time[gaps], starts + total)
+    # A window is whole if every gap that begins before its end is over at its start.
+    over = np.searchsorted(imu_time[gaps + 1], starts, side="right")
+    whole = over == np.searchsorted(imu_time[gaps], starts + total)
     starts = starts[whole]
     first = np.searchsorted(motion.time, starts + margin)
     last = np.searchsorted(motion.time, starts + margin + length)

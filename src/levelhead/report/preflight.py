@@ -27,12 +27,17 @@ def preflight_section(result: Result) -> str:
     if not isinstance(findings, list) or not findings:
         return ""
     rows = "\n".join(_row(finding) for finding in findings if isinstance(finding, Mapping))
-    changed = sum(f.get("verdict") == Verdict.CORRECTED for f in findings if isinstance(f, Mapping))
+    changed, open_ = (
+        sum(f.get("verdict") == verdict for f in findings if isinstance(f, Mapping))
+        for verdict in (Verdict.CORRECTED, Verdict.UNDECIDED)
+    )
     lead = (
-        "Everything was as the log says."
+        ("Everything was as the log says." if open_ == 0 else "Nothing was put right.")
         if changed == 0
         else f"{changed} thing{'s were' if changed > 1 else ' was'} put right before the biases were estimated."
     )
+    if open_:
+        lead += f" {open_} thing{'s' if open_ > 1 else ''} the drive could not tell."
     return (
         '<section aria-labelledby="preflight">\n<h2 id="preflight">Preflight</h2>\n'
         f'<p class="lead">{lead}</p>\n<div class="card">\n<table class="findings">\n'
