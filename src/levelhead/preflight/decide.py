@@ -162,7 +162,8 @@ def velocity_frame(look: Look, claims: Claims, fix: Corrections) -> Decision:
 def axes(look: Look, claims: Claims, fix: Corrections) -> tuple[list[Finding], Corrections]:
     """Decide on axes and signs, and report how the IMU is mounted."""
     frames, mounting = look.frames, look.mounting
-    if frames is None or mounting is None or not frames.decided or not mounting.decided:
+    settled = look.alignment is not None and look.alignment.settled
+    if frames is None or mounting is None or not (settled and frames.decided and mounting.decided):
         return [_undecided_axes(look, claims)], fix
     best = frames.hypothesis
     dcm = mounting.dcm_sensor_to_vehicle
@@ -243,6 +244,8 @@ def _undecided_axes(look: Look, claims: Claims) -> Finding:
         reason = f"the data fits {_spoken(best.force_sign, best.rate_sign, best.velocity_frame)} as well as {others}"
     elif not frames.decided:
         reason = f"the signs are not certain (log-likelihood {frames.margin:.0f}, and 20 is asked for)"
+    elif not look.alignment.settled:
+        reason = "readings and velocities do not fit together"
     elif look.mounting is not None and look.mounting.one_way < 0.7:
         reason = "the vehicle drives as much backwards as forwards"
     else:
@@ -276,8 +279,9 @@ def clock(look: Look, claims: Claims, fix: Corrections, middle_s: float, duratio
     """Decide on the offset of the clocks and its drift."""
     name, fit = "clock", look.alignment
     frames = look.frames
-    if fit is None or frames is None or not frames.decided or fit.offset_std > LATENCY_STD_S:
-        found = "" if fit is None or frames is None or not frames.decided else f" (within {fit.offset_std:.3f} s)"
+    settled = fit is not None and frames is not None and fit.settled and frames.decided
+    if fit is None or not settled or fit.offset_std > LATENCY_STD_S:
+        found = "" if fit is None or not settled else f" (within {fit.offset_std:.3f} s)"
         verdict = claims.open("clock")
         text = f"The drive cannot tell how far the clocks of IMU and GNSS are apart{found}."
         text += " Pass --latency." if verdict is Verdict.REFUSED else " Taken as one clock."

@@ -29,8 +29,6 @@ differ by far more."""
 BLOCK_S: Final = 1.0
 MARGIN_S: Final = 1.6
 """IMU data that must lie around a window, s: as far as clocks may be apart."""
-APART: Final = 1.5
-"""By how much an unknown lever arm may widen the sigma of the clocks before the two cannot be told apart."""
 MIN_SIGMA: Final = 0.02
 """No velocity is believed to better than this, m/s."""
 CLEAN: Final = 0.05
@@ -40,9 +38,12 @@ MAX_STEP_S: Final = 2.0
 QUIET: Final = NoiseParams()
 LEVER_STD: Final = 3.0
 """One sigma of a lever arm that nobody told, m."""
+SURE_LEVER: Final = 4.0
+MIN_LEVER_M: Final = 0.1
+"""A lever arm that nobody told counts for the clocks where it is so many sigmas and so many metres from zero..."""
 CLEAR_LEVER: Final = 6.0
 CLEAR_LEVER_M: Final = 0.5
-"""A lever arm that nobody told is believed where it is so many sigmas and so many metres from zero."""
+"""...and is told to the user where it is so many."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,7 +67,7 @@ class Look:
     frames, alignment, mounting
         Of the windows; `mounting` in the axes that `frames` has put right.
     lever_found, lever_told : bool
-        Whether the velocities show a lever arm that nobody told; whether the user told one.
+        Whether the velocities show a large lever arm that nobody told; whether the user told one.
     velocity_derived : bool
         Whether the velocities come from the positions.
     """
@@ -288,13 +289,39 @@ def _aligned(
         lever = mounting.dcm_sensor_to_vehicle.T @ np.array(lever_arm)
         told = align(windows, increments, ned, start, lever_arm=lever)
         return told, None if told is None else find_mounting(windows, ned, told), False
-    near = replace(start, dcm_f_to_ned=plain.dcm_f_to_ned, offset_s=plain.offset_s)
-    free = align(windows, increments, ned, near, lever_std=LEVER_STD)
-    if free is None:
+    free = _with_lever(windows, increments, ned, replace(start, dcm_f_to_ned=plain.dcm_f_to_ned), plain)
+    if free is None or not free.settled:
         return plain, mounting, False
-    clear = (np.abs(free.lever_arm) > CLEAR_LEVER * free.lever_std) & (np.abs(free.lever_arm) > CLEAR_LEVER_M)
-    # At one speed and in steady turns a lever arm looks like an offset of the clocks: neither is found then.
-    apart = free.offset_std < APART * plain.offset_std
-    if not clear.any() or not apart:
-        return plain, mounting, False
-    return free, find_mounting(windows, ned, free), True
+    size = np.abs(free.lever_arm)
+    sure = ((size > SURE_LEVER * free.lever_std) & (size > MIN_LEVER_M)).any()
+    if not sure or free.leads(plain) < DECIDED:
+        return replace(plain, offset_per_lever=free.offset_per_lever), mounting, False
+    clear = (size > CLEAR_LEVER * free.lever_std) & (size > CLEAR_LEVER_M)
+    return free, find_mounting(windows, ned, free), bool(clear.any())
+
+
+def _with_lever(
+    windows: Windows, increments: Increments, ned: Motion, start: Start, plain: Alignment
+) -> Alignment | None:
+    """Fit clocks and lever arm together.
+
+    At one speed an antenna ahead of the IMU looks almost like clocks that are apart, and what tells the two apart is
+    quadratic: there are two answers, and the one that fits better is found from where the search begins.
+    """
+
+    def search(shift: FloatArray) -> Alignment | None:
+        begun = replace(start, offset_s=plain.offset_s)
+        if shift.any():
+            begun = replace(begun, offset_s=plain.offset_s - float(along @ shift))
+        return align(windows, increments, ned, begun, lever_std=LEVER_STD, lever_start=shift)
+
+    along = np.zeros(3)
+    first = search(np.zeros(3))
+    if first is None or not (np.abs(first.lever_arm) > SURE_LEVER * first.lever_std).any():
+        return first
+    along = first.offset_per_lever
+    side = -LEVER_STD if along @ first.lever_arm > 0.0 else LEVER_STD
+    other = search(side * along / max(float(np.linalg.norm(along)), 1e-9))
+    if other is None or (first.settled and not (other.settled and other.leads(first) > 0.0)):
+        return first
+    return other
