@@ -223,7 +223,7 @@ def align(
         known=(used | carried) & (step.attitude_std[:, 2] < MAX_HEADING_STD),
         offsets_s=common[OFFSET] + step.offsets,
         offsets_std=step.offsets_std,
-        offset_per_lever=-np.linalg.solve(step.model[LEVER, LEVER], step.model[LEVER, OFFSET]),
+        offset_per_lever=np.asarray(-np.linalg.solve(step.model[LEVER, LEVER], step.model[LEVER, OFFSET]), np.float64),
         settled=settled,
         misfit=np.where(lively, step.freedom * np.log(step.residual + 1e-9), 0.0),
     )
@@ -431,7 +431,7 @@ def _solve(problem: _Problem, to_prior: FloatArray, prior_std: FloatArray, used:
     return _Step(
         common=step,
         covariance=covariance[:COMMON, :COMMON],
-        model=inverse[:COMMON, :COMMON],
+        model=np.asarray(inverse[:COMMON, :COMMON], np.float64),
         turn=np.column_stack((own_step[:, 3:], turn)),
         attitude_std=np.column_stack((tilt_std * np.maximum(residual, 1.0)[:, None], heading_std)),
         heading_covariance=covariance[COMMON:, COMMON:],
