@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final, Literal
 
 SEED: Final = 20250627
@@ -37,6 +37,19 @@ def mutate(content: bytes, number: int, *, seed: int = SEED) -> tuple[bytes, int
         content, more = chance.choice(_MUTATIONS)(content, chance)
         hit += more
     return content, hit
+
+
+def beginnings(content: bytes, number: int = 100) -> Iterator[bytes]:
+    """Yield the file cut at `number` places, see `cuts`; never nothing."""
+    for length in cuts(content, number):
+        if length:
+            yield content[:length]
+
+
+def mutations(content: bytes, number: int = 200, *, seed: int = SEED) -> Iterator[bytes]:
+    """Yield `number` mutated files, see `mutate`."""
+    for k in range(number):
+        yield mutate(content, k, seed=seed)[0]
 
 
 def _position(content: bytes, chance: random.Random) -> int:

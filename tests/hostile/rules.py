@@ -197,7 +197,12 @@ def _fewer(log: Log, whole: Log, allowed: float) -> str:
 def _differs(sample: Sample, log: Log, *, last_may_differ: bool) -> str:
     """Say that samples of a log are not those of the whole one."""
     whole = sample.whole
-    for what, stamps, all_stamps, pairs in (
+    # A log that lost its first samples may count its time from another instant; stamps since 1970 are kept to 0.24 us.
+    epoch, other = (meta.get("epoch", 0.0) for meta in (log.meta, whole.meta))
+    assert isinstance(epoch, float)
+    assert isinstance(other, float)
+    tolerance = sample.clock_tolerance_s if epoch == other else max(sample.clock_tolerance_s, 1e-6)
+    for what, since_epoch, all_stamps, pairs in (
         ("sample", log.time, whole.time, ((log.gyro, whole.gyro), (log.accel, whole.accel))),
         (
             "epoch",
@@ -209,14 +214,15 @@ def _differs(sample: Sample, log: Log, *, last_may_differ: bool) -> str:
             ),
         ),
     ):
+        stamps = since_epoch + (epoch - other)
         rows = np.arange(stamps.size)
         if not sample.keeps_prefix:
-            rows = np.searchsorted(all_stamps, stamps - sample.clock_tolerance_s)
+            rows = np.searchsorted(all_stamps, stamps - tolerance)
         rows = np.minimum(rows, all_stamps.size - 1)
         keep = slice(0, max(stamps.size - last_may_differ, 0))
         if stamps.size > all_stamps.size:
             return f"{stamps.size} {what}s where the whole file has {all_stamps.size}"
-        wrong = np.abs(stamps - all_stamps[rows])[keep] > sample.clock_tolerance_s
+        wrong = np.abs(stamps - all_stamps[rows])[keep] > tolerance
         for have, had in pairs:
             different = (have != had[rows]) & ~(np.isnan(have) & np.isnan(had[rows]))
             if what == "epoch" and different.size:

@@ -28,6 +28,8 @@ from hostile.worker import SIZE, Kind, Piece, Tally, damaged, lengths, scratch
 
 PIECE: Final = 2000
 """Cases of one process."""
+MAX_SHOWN: Final = 10
+"""Breaches of one sample that are printed; the tallies have all."""
 HANGS_S: Final = 60.0
 """A case that takes longer hangs where no signal reaches it, s."""
 
@@ -62,8 +64,12 @@ def main() -> int:
             for name, pieces in plans.items()
             for broken in report(name, list(zip(pieces, [f.result() for f in tallies[name]], strict=True)))
         ]
-    for line in bad:
-        say(line)
+    for name in plans:
+        lines = [line for line in bad if line.startswith(f"{name},")]
+        for line in lines[:MAX_SHOWN]:
+            say(line)
+        if len(lines) > MAX_SHOWN:
+            say(f"{name}: {len(lines) - MAX_SHOWN} more")
     return 1 if bad else 0
 
 

@@ -33,14 +33,14 @@ def between_records(first: int, size_at: SizeAt) -> CutUnseen:
     return unseen
 
 
-def last_cell(_name: str, content: bytes, length: int) -> bool:
+def last_cell(_name: str, content: bytes, length: int, delimiter: bytes = b",") -> bool:
     """Return whether nothing is missing but a line end, or digits of the last cell: there need be no last line end.
 
     All cells of the line are there, each with something in it that may be a number.
     """
     line = content[:length].rpartition(b"\n")[2]
     whole = content[: content.find(b"\n", length)].rpartition(b"\n")[2]
-    return not line or (line.count(b",") == whole.count(b",") and not line.endswith(b","))
+    return not line or (line.count(delimiter) == whole.count(delimiter) and not line.endswith(delimiter))
 
 
 def sentence_end(_name: str, content: bytes, length: int) -> bool:

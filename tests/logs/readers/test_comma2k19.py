@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hostile import cases
 from levelhead.conventions import FloatArray
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
 from levelhead.logs.pieces import Stream
 from levelhead.logs.readers import read
-from samples import broken_files
 from samples import comma2k19 as sample
 from samples.drive import sample_drive
 
@@ -186,10 +186,10 @@ def test_pickles_and_huge_shapes_are_not_loaded(segment: Path) -> None:
 def test_a_damaged_array_is_marked_or_refused(segment: Path, name: str) -> None:
     path = signal(segment, name)
     content = path.read_bytes()
-    for cut in broken_files.cuts(content):
+    for cut in cases.beginnings(content):
         path.write_bytes(cut)
         assert outcome(segment) != "complete"
-    for mutated in broken_files.mutations(content):
+    for mutated in cases.mutations(content):
         path.write_bytes(mutated)
         outcome(segment)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hostile import cases
 from levelhead.conventions import FloatArray
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
@@ -14,7 +15,6 @@ from levelhead.logs.pieces import ImuData
 from levelhead.logs.readers import READERS, read
 from levelhead.logs.readers.base import Source
 from levelhead.logs.readers.kfgins import READER
-from samples import broken_files
 from samples import kfgins as sample
 from samples.drive import sample_drive
 
@@ -251,12 +251,12 @@ def test_a_damaged_file_is_marked_or_refused(drive: Path, tmp_path: Path, form: 
         # Six seconds will do.
         content = content[: content.find(b"\n", len(content) // 5) + 1]
     imu = drive if form == "gnss" else path
-    for cut in broken_files.cuts(content):
+    for cut in cases.beginnings(content):
         path.write_bytes(cut)
         # A file of whole records is a whole file: nothing in it says how many there were.
         whole = len(cut) % 56 == 0 if form == "binary" else cut.endswith(b"\n")
         assert whole or outcome(imu, gnss) != "complete"
-    for mutated in broken_files.mutations(content):
+    for mutated in cases.mutations(content):
         path.write_bytes(mutated)
         outcome(imu, gnss)
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hostile import cases
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
 from levelhead.logs.pieces import FLU_TO_FRD
 from levelhead.logs.readers import read
-from samples import broken_files
 from samples import kitti_oxts as sample
 from samples.drive import EPOCH_UTC_S, sample_drive
 
@@ -137,11 +137,11 @@ def test_damaged_stamps_are_marked_or_refused(drive: Path) -> None:
     content = b"".join(stamps.read_bytes().splitlines(keepends=True)[:60])
     stamps.write_bytes(content)
     assert read(drive).meta["completeness"] == "complete"
-    for cut in broken_files.cuts(content):
+    for cut in cases.beginnings(content):
         stamps.write_bytes(cut)
         # Without the last line's end alone nothing is lost.
         assert cut == content[:-1] or outcome(drive) != "complete"
-    for mutated in broken_files.mutations(content):
+    for mutated in cases.mutations(content):
         stamps.write_bytes(mutated)
         outcome(drive)
 
@@ -154,11 +154,11 @@ def test_a_damaged_sample_is_marked_or_refused(drive: Path) -> None:
     for number in (0, 30, 59):
         path = drive / "oxts" / "data" / f"{number:010d}.txt"
         content = path.read_bytes()
-        for cut in broken_files.cuts(content):
+        for cut in cases.beginnings(content):
             path.write_bytes(cut)
             # A cut within the last of the 30 numbers, which is not used, does no harm.
             assert len(cut.split()) == 30 or outcome(drive) != "complete"
-        for mutated in broken_files.mutations(content):
+        for mutated in cases.mutations(content):
             path.write_bytes(mutated)
             outcome(drive)
         path.write_bytes(content)

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
+from hostile import cases
 from levelhead.errors import LevelheadError, LogError, UsageError
 from levelhead.logs.log import Log
 from levelhead.logs.readers import matlab_file, read
 from levelhead.logs.readers.matlab_file import open_mat
-from samples import broken_files, matlab
+from samples import matlab
 from samples.drive import sample_drive
 
 Writer = Callable[[str, str], Path]
@@ -296,11 +297,11 @@ def test_a_damaged_file_is_marked_or_refused(drive: Path, compress: bool) -> Non
     content = path.read_bytes()
     (drive.parent / "RTK0627.mat").unlink()
     sizes = {variable.start for variable in open_mat(path).variables.values()}
-    for cut in broken_files.cuts(content):
+    for cut in cases.beginnings(content):
         path.write_bytes(cut)
         # A file that ends with a variable is a whole file.
         assert len(cut) in sizes or outcome(path) != "complete"
-    for mutated in broken_files.mutations(content, 400):
+    for mutated in cases.mutations(content, 400):
         path.write_bytes(mutated)
         outcome(path)
 
@@ -314,7 +315,7 @@ def test_damaged_structs_are_marked_or_refused(drive: Path, put: Writer, compres
     matlab.save(drive.parent / "r.mat", {"RTK": matlab.rtk() - ([matlab.START_S] + [0.0] * 7)})
     mapping = put("m.toml", BY_FIELD)
     content = path.read_bytes()
-    for damaged in (*broken_files.cuts(content), *broken_files.mutations(content, 300)):
+    for damaged in (*cases.beginnings(content), *cases.mutations(content, 300)):
         path.write_bytes(damaged)
         outcome(path, gnss=drive.parent / "r.mat", mapping=mapping)
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
+from hostile.cases import beginnings, mutations
 from levelhead.errors import LogError
 from levelhead.logs import mcap_writer
 from levelhead.logs.readers import mcap as reader
@@ -18,7 +19,7 @@ from levelhead.logs.readers import read
 from levelhead.logs.writers import write
 from samples import mcap, ros1_bag, ros2_bag
 from samples.drive import sample_drive
-from samples.hostile import cuts, mutations, read_or_refusal
+from samples.refusal import read_or_refusal
 from samples.ros_drive import assert_is_the_drive
 
 
@@ -139,7 +140,7 @@ def test_a_broken_chunk_does_not_take_the_next_with_it(tmp_path: Path, monkeypat
 
 def test_a_cut_file_gives_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, counts = chunked(tmp_path, monkeypatch), []
-    for content in cuts(path.read_bytes(), 100):
+    for content in beginnings(path.read_bytes(), 100):
         path.write_bytes(content)
         log = read_or_refusal(path)
         counts.append(0 if log is None else log.time.size)

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from levelhead.errors import LogError
-from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.readers.base import Source
 from levelhead.logs.readers.named_csv import READER
-from samples import mangled_text, named_csv
+from samples import named_csv
 from samples.drive import EPOCH_UTC_S, sample_drive
 
 Writer = Callable[[str, str], Path]
@@ -185,15 +184,6 @@ def test_canonical_files_stay_canonical(put: Writer) -> None:
     assert log.meta["format"] == "csv"
     assert "undeclared" not in log.meta
     assert read(put("b.csv", "#" + text)).meta["format"] == "named-csv"
-
-
-def test_of_mangled_copies_none_is_taken_for_whole(tmp_path: Path) -> None:
-    path = named_csv.write(tmp_path)
-
-    def again() -> Log:
-        return read(path)
-
-    mangled_text.survives(path, again)
 
 
 def test_stamps_may_be_in_two_columns(put: Writer) -> None:

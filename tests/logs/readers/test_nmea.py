@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from pynmeagps import NMEAReader
 
+from hostile import cases
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.pieces import GnssData, Pieces
 from levelhead.logs.readers import nmea_sentences, read
 from levelhead.logs.readers.base import Source
 from levelhead.logs.readers.nmea import READER
 from levelhead.logs.readers.ublox_ubx import READER as UBX
-from samples import damage, nmea
+from samples import nmea
 from samples.drive import EPOCH_UTC_S, sample_drive
 from samples.nmea import gga, gst, rmc, sentence, vtg
 
@@ -275,7 +276,7 @@ def test_a_cut_file_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
     # The format has no end mark: a file cut behind a checksum, or a line end, is whole for all that can be told.
     ends = list(itertools.accumulate(len(line) for line in content.splitlines(keepends=True)))
     whole = {end - k for end in ends for k in (0, 1, 2)}
-    for length in damage.cuts(content):
+    for length in cases.cuts(content, 100):
         path = tmp_path / "cut.nmea"
         path.write_bytes(content[:length])
         try:
@@ -288,7 +289,7 @@ def test_a_cut_file_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
 def test_damage_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
     content = (sample.parent / "drive.gps.nmea").read_bytes()
     clean = read(sample)
-    for k, hurt in enumerate(damage.mutations(content)):
+    for k, hurt in enumerate(cases.mutations(content)):
         path = tmp_path / "hurt.nmea"
         path.write_bytes(hurt)
         try:

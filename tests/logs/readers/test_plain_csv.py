@@ -11,9 +11,8 @@ import pytest
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
-from levelhead.logs.log import Log
 from levelhead.logs.readers import read
-from samples import mangled_text, plain_csv
+from samples import plain_csv
 from samples.drive import sample_drive
 
 MAPPING = Path(__file__).parents[3] / "examples" / "mappings" / "rtklib-gnss-imu.toml"
@@ -111,15 +110,6 @@ def test_other_orders_are_understood(tmp_path: Path, change: Change) -> None:
     np.savetxt(path, change(np.loadtxt(path, delimiter=",")), delimiter=",", fmt="%.6f")
     log = read(path, gnss=plain_csv.write_gnss(tmp_path))
     np.testing.assert_allclose(log.gyro, np.degrees(sample_drive().gyro), atol=5e-7)  # half of 1e-6
-
-
-def test_of_mangled_copies_none_is_taken_for_whole(tmp_path: Path) -> None:
-    path, gnss = plain_csv.write(tmp_path), plain_csv.write_gnss(tmp_path)
-
-    def again() -> Log:
-        return read(path, gnss=gnss)
-
-    mangled_text.survives(path, again)
 
 
 @pytest.mark.parametrize(

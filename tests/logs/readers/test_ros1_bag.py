@@ -12,13 +12,14 @@ import pytest
 from rosbags.rosbag1 import Reader as LibraryReader
 from rosbags.typesys import Stores, get_typestore
 
+from hostile.cases import beginnings, mutations
 from levelhead.errors import LogError
 from levelhead.logs.readers import read
 from levelhead.logs.readers.base import Source
 from levelhead.logs.readers.ros1_bag import READER
 from samples import ros1_bag
 from samples.drive import EPOCH_UTC_S, sample_drive
-from samples.hostile import cuts, mutations, read_or_refusal
+from samples.refusal import read_or_refusal
 from samples.ros_drive import assert_is_the_drive
 
 
@@ -79,7 +80,7 @@ def test_the_numbers_of_a_real_robot_are_those_of_the_library(data_folder: Path)
 def test_a_cut_bag_gives_what_is_there(tmp_path: Path, compression: str | None) -> None:
     whole = ros1_bag.write_messages(tmp_path / "drive.bag", ros1_bag.MAKER.drive(), compression).read_bytes()
     path, counts = tmp_path / "cut.bag", []
-    for content in cuts(whole, 100):
+    for content in beginnings(whole, 100):
         path.write_bytes(content)
         log = read_or_refusal(path)
         counts.append(0 if log is None else log.time.size)

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
+from hostile.cases import beginnings, mutations
 from levelhead.errors import LogError
 from levelhead.logs.readers import read
 from samples import mcap, ros2_bag
 from samples.drive import EPOCH_UTC_S, sample_drive
-from samples.hostile import cuts, mutations, read_or_refusal
+from samples.refusal import read_or_refusal
 from samples.ros_drive import assert_is_the_drive
 
 
@@ -125,7 +126,7 @@ def test_messages_that_are_not_yet_in_the_file_are_told_of(tmp_path: Path) -> No
 def test_a_cut_database_gives_what_is_there(tmp_path: Path) -> None:
     whole, path, counts = (ros2_bag.write(tmp_path) / "drive.db3").read_bytes(), tmp_path / "cut.db3", []
     drive = sample_drive()
-    for content in cuts(whole, 100):
+    for content in beginnings(whole, 100):
         path.write_bytes(content)
         log = read_or_refusal(path)
         counts.append(0 if log is None else log.time.size)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from levelhead.errors import LogError
-from levelhead.logs.log import Log
 from levelhead.logs.readers import read
-from samples import mangled_text, sbg
+from samples import sbg
 from samples.drive import sample_drive
 
 
@@ -57,13 +56,3 @@ def test_other_units_are_refused(tmp_path: Path) -> None:
         LogError, match=r"imuData\.txt: gyroX is in 'rad.s\^-1' where sbgBasicLogger writes 'deg.s\^-1'"
     ):
         read(path)
-
-
-@pytest.mark.parametrize("name", ["imuData.txt", "gnss1Vel.txt", "gnss1Pos.txt"])
-def test_of_mangled_copies_none_is_taken_for_whole(tmp_path: Path, name: str) -> None:
-    path = sbg.write(tmp_path)
-
-    def again() -> Log:
-        return read(path)
-
-    mangled_text.survives(tmp_path / name, again)

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hostile import cases
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.readers import sensor_logger as reader
-from samples import mangled_text, sensor_logger
+from samples import sensor_logger
 from samples.drive import EPOCH_UTC_S, sample_drive
 from samples.sensor_logger import FRD_TO_PHONE, members, pack
 
@@ -177,15 +178,6 @@ def test_two_recordings_in_one_zip_are_refused(tmp_path: Path) -> None:
         read(pack(tmp_path, {f"{d}/{name}": text for d in "ab" for name, text in files.items()}))
 
 
-def test_of_mangled_copies_none_is_taken_for_whole(tmp_path: Path) -> None:
-    path = sensor_logger.write(tmp_path)
-
-    def again() -> Log:
-        return read(path)
-
-    mangled_text.survives(path, again)
-
-
 @pytest.mark.parametrize("name", ["AccelerometerUncalibrated.csv", "Location.csv", "Metadata.csv"])
 def test_mangled_members_are_read_or_refused(tmp_path: Path, name: str) -> None:
     files = members()
@@ -193,7 +185,7 @@ def test_mangled_members_are_read_or_refused(tmp_path: Path, name: str) -> None:
     folder.mkdir()
     for member, text in files.items():
         (folder / member).write_text(text)
-    for content in mangled_text.mutated(files[name].encode(), 100):
+    for content in cases.mutations(files[name].encode(), 100):
         (folder / name).write_bytes(content)
         try:
             read(folder)

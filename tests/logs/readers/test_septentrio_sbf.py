@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from pysbf2 import SBFReader
 
+from hostile import cases
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
 from levelhead.logs.pieces import GnssData, Pieces
@@ -19,7 +20,7 @@ from levelhead.logs.readers import read
 from levelhead.logs.readers.base import Source
 from levelhead.logs.readers.frames import scan
 from levelhead.logs.readers.septentrio_sbf import LAYOUTS, PVT, READER, SBF, VELOCITY_COV, find_blocks
-from samples import damage, septentrio_sbf
+from samples import septentrio_sbf
 from samples.drive import EPOCH_UTC_S, sample_drive
 from samples.septentrio_sbf import ABSENT, covariance, measurements, pvt
 
@@ -191,7 +192,7 @@ def test_a_cut_file_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
     content = sample.read_bytes()
     # The format has no end mark: a file cut between two blocks is whole for all that can be told.
     between = set(itertools.accumulate(len(b) for b in septentrio_sbf.blocks()))
-    for length in damage.cuts(content):
+    for length in cases.cuts(content, 100):
         path = tmp_path / "cut.sbf"
         path.write_bytes(content[:length])
         try:
@@ -203,7 +204,7 @@ def test_a_cut_file_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
 
 def test_damage_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
     clean = read(sample)
-    for k, content in enumerate(damage.mutations(sample.read_bytes())):
+    for k, content in enumerate(cases.mutations(sample.read_bytes())):
         path = tmp_path / "hurt.sbf"
         path.write_bytes(content)
         try:

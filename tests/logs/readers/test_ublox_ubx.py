@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from pyubx2 import GET, UBXMessage, UBXReader
 
+from hostile import cases
 from levelhead.errors import LevelheadError, LogError
 from levelhead.logs.log import Log
 from levelhead.logs.pieces import GnssData, ImuData, Pieces
@@ -19,7 +20,7 @@ from levelhead.logs.readers import frames as binary
 from levelhead.logs.readers import read
 from levelhead.logs.readers.base import Source
 from levelhead.logs.readers.ublox_ubx import LAYOUTS, PVT, READER, UBX
-from samples import damage, ublox_ubx
+from samples import ublox_ubx
 from samples.drive import EPOCH_UTC_S, sample_drive
 
 LLH = np.array([0.84, 0.16, 300.0])
@@ -368,7 +369,7 @@ def test_a_cut_file_is_marked_or_refused(sample: Path, frames: list[bytes], tmp_
     content = sample.read_bytes()
     # The format has no end mark: a file cut between two frames is whole for all that can be told.
     between = set(itertools.accumulate(len(f) for f in frames))
-    for length in damage.cuts(content):
+    for length in cases.cuts(content, 100):
         path = tmp_path / "cut.ubx"
         path.write_bytes(content[:length])
         try:
@@ -380,7 +381,7 @@ def test_a_cut_file_is_marked_or_refused(sample: Path, frames: list[bytes], tmp_
 
 def test_damage_is_marked_or_refused(sample: Path, tmp_path: Path) -> None:
     clean = read(sample)
-    for k, content in enumerate(damage.mutations(sample.read_bytes())):
+    for k, content in enumerate(cases.mutations(sample.read_bytes())):
         path = tmp_path / "hurt.ubx"
         path.write_bytes(content)
         try:

@@ -11,7 +11,7 @@ from levelhead.errors import LogError
 from levelhead.logs.log import Log
 from levelhead.logs.readers import read
 from levelhead.logs.timescales import GPS_EPOCH_S
-from samples import mangled_text, vectornav
+from samples import vectornav
 from samples.drive import sample_drive
 
 
@@ -98,12 +98,3 @@ def test_a_file_without_a_clock_is_not_taken(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("TimeStartup", "a").replace("TimeGps", "b").replace("Gps1Tow", "c"))
     with pytest.raises(LogError, match=r"the format is not known|no column is understood as time"):
         read(path)
-
-
-def test_of_mangled_copies_none_is_taken_for_whole(tmp_path: Path) -> None:
-    path = vectornav.write(tmp_path)
-
-    def again() -> Log:
-        return read(path)
-
-    mangled_text.survives(path, again)

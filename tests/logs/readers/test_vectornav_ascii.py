@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from levelhead.errors import LogError
-from levelhead.logs.log import Log
 from levelhead.logs.readers import read
-from samples import mangled_text, vectornav_ascii
+from samples import vectornav_ascii
 from samples.drive import EPOCH_UTC_S, sample_drive
 
 
@@ -61,12 +60,3 @@ def test_a_wrong_checksum_is_damage(tmp_path: Path) -> None:
     assert log.time.size == sample_drive().time.size - 3
     assert log.meta["completeness"] == "malformed_record"
     assert any("3 messages have a wrong checksum" in e.detail for e in log.events)
-
-
-def test_of_mangled_copies_none_is_taken_for_whole(tmp_path: Path) -> None:
-    path = vectornav_ascii.write(tmp_path)
-
-    def again() -> Log:
-        return read(path)
-
-    mangled_text.survives(path, again)

@@ -256,6 +256,9 @@ def read_numbers(
     if body and (ends_early or _is_cut(last, layout, wanted)):
         body = body[: body.rfind(b"\n") + 1]
         left_out += 1
+    if not body and not ended and not left_out:
+        # Of a table that was begun not even the line of its names, or of its units, has an end.
+        left_out = 1
     columns = _parse(path, body, layout, wanted, first_line)
     return CsvNumbers(columns=columns, path=path, start=start, first_line=first_line, left_out=left_out)
 
