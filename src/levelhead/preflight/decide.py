@@ -154,6 +154,10 @@ def velocity_unit(look: Look) -> Finding | None:
     if unit == "m/s":
         text = f"m/s: {how} say {speeds.ratio:.2f} m/s for 1."
         return Finding(name="velocity unit", verdict=Verdict.FINE, text=text, values=values)
+    if speeds.turned is None and unit is None:
+        # Accelerations that are not the vehicle's (few turns, vibration) give any ratio: only a unit's own is evidence.
+        text = f"Not certain: {how} say {speeds.ratio:.3g} m/s for 1, which is no unit. Taken as m/s."
+        return Finding(name="velocity unit", verdict=Verdict.UNDECIDED, code="E_UNIT_VEL", text=text, values=values)
     shown = f"{unit}, not m/s" if unit else f"none of {', '.join(VELOCITY_UNITS)}"
     text = (
         f"{shown}: {how} say {speeds.ratio:.3g} m/s for 1. Turn the velocities into m/s, or name their unit in the "
