@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from levelhead.logs.timescales import GPS_EPOCH_S, GPST, UTC, WEEK_S, between
+from samples.cuts import between_records
 from samples.drive import EPOCH_UTC_S, sample_drive
 
 BOOT_S = 60.0
@@ -106,6 +107,17 @@ def fixes(instance: int = 0, *, vertical: bool = True) -> list[tuple[float, byte
 def in_order(*records: list[tuple[float, bytes]]) -> bytes:
     """Return messages in the order of their times."""
     return b"".join(body for _, body in sorted((r for one in records for r in one), key=lambda record: record[0]))
+
+
+def _size_at(content: bytes, at: int) -> int:
+    """Return the size of the message that begins here, which its description at the beginning tells."""
+    if content[at + 2] == 128:
+        return 89
+    described = content.index(bytes([0xA3, 0x95, 128, content[at + 2]]))
+    return content[described + 4]
+
+
+CUT_UNSEEN = between_records(0, _size_at)
 
 
 def write(folder: Path) -> Path:

@@ -8,6 +8,8 @@ import numpy as np
 
 from samples.drive import EPOCH_UTC_S, sample_drive
 
+CLOCK_TOLERANCE_S = 0.011
+"""The receiver's stamps are made even by their median, which is 0, 10 or 20 ms."""
 BOOT_S = 46408.5
 """What the phone's clock read when the drive began."""
 

@@ -17,6 +17,10 @@ START_S = 111184.0
 """Second of the GPS week when the drive began."""
 
 
+KEEPS_PREFIX = False
+"""A variable is whole or nothing where it is compressed."""
+
+
 def save(path: Path, variables: Mapping[str, Any], *, compress: bool = True) -> Path:
     """Write a file of level 5, with the same bytes every time: its header has the date."""
     savemat(path, dict(variables), do_compression=compress, oned_as="column")

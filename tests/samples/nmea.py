@@ -9,9 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from levelhead.conventions import ACCEL_COLUMNS, GYRO_COLUMNS, TIME_COLUMN
+from samples.cuts import last_cell, sentence_end
 from samples.drive import EPOCH_UTC_S, sample_drive
 
 KNOT = 1852.0 / 3600.0
+
+
+def CUT_UNSEEN(name: str, content: bytes, length: int) -> bool:  # noqa: N802  # what `samples` calls it
+    """Return whether a cut file of either format can pass for a whole one."""
+    return (sentence_end if name.endswith(".nmea") else last_cell)(name, content, length)
 
 
 def sentence(text: str) -> str:

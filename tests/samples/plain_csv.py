@@ -6,7 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from samples.cuts import last_cell
 from samples.drive import sample_drive
+
+CUT_UNSEEN = last_cell
+SHORTEST_S = 30.0
+KEEPS_PREFIX = False
+"""The gyro is told from other sensors by turns and straights: without most of them the file is refused."""
 
 
 def write(folder: Path) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from samples.cuts import between_records
 from samples.drive import EPOCH_UTC_S, sample_drive
 
 BOOT_S = 90.0
@@ -40,6 +41,9 @@ PARAMETERS: Sequence[tuple[str, float | int]] = (
     ("SENS_GPS0_DELAY", 110),
     ("MPC_XY_VEL_MAX", 12.0),
 )
+
+
+CUT_UNSEEN = between_records(16, lambda content, at: 3 + int.from_bytes(content[at : at + 2], "little"))
 
 
 def message(kind: str, body: bytes) -> bytes:

@@ -6,8 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from samples.cuts import sentence_end
 from samples.drive import sample_drive
 
+CUT_UNSEEN = sentence_end
+KEEPS_PREFIX = False
+CLOCK_TOLERANCE_S = 0.005
+"""Of an epoch whose velocity is gone the position remains, which is stamped 4 ms later, and the other way round."""
 START_US = 2**32 - 12_345_678
 """The device was on for 71 minutes: its counter begins anew during the drive."""
 GOOD, NONE = "0x00000080", "0x00000001"

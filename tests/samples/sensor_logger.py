@@ -16,6 +16,10 @@ LATER_S = 0.003
 """Accelerometer samples come so much later than those of the gyroscope."""
 
 
+KEEPS_PREFIX = False
+"""The index of a zip is at its end."""
+
+
 def _stamps(times: FloatArray) -> list[str]:
     begin = int(EPOCH_UTC_S) * 10**9
     return [str(begin + round(1e9 * t)) for t in times]

@@ -12,11 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
+from samples.cuts import between_records
 from samples.drive import EPOCH_UTC_S, sample_drive
 
 LEAP_S = 18
 WEEK_MS = 604_800_000
 ABSENT = -2e10
+
+
+CUT_UNSEEN = between_records(0, lambda content, at: int.from_bytes(content[at + 6 : at + 8], "little"))
 
 
 def block(number: int, payload: bytes, *, revision: int = 0) -> bytes:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from pyubx2 import GET, UBXMessage
 
+from samples.cuts import between_records
 from samples.drive import EPOCH_UTC_S, sample_drive
 
 SENSOR_START_MS = 91_000
@@ -15,6 +16,11 @@ SENSOR_START_MS = 91_000
 GYRO_TYPES = (14, 13, 5)
 ACCEL_TYPES = (16, 17, 18)
 LEAP_S = 18
+
+
+CUT_UNSEEN = between_records(0, lambda content, at: 8 + int.from_bytes(content[at + 4 : at + 6], "little"))
+CLOCK_TOLERANCE_S = 0.02
+"""The sensor's clock is set by the order of readings and fixes in the whole file."""
 
 
 def meas(tag_ms: int, types: tuple[int, ...], values: list[int], *, provider: int = 0) -> bytes:

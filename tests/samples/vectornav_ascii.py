@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from samples.cuts import sentence_end
 from samples.drive import EPOCH_UTC_S, sample_drive
+
+CUT_UNSEEN = sentence_end
 
 
 def message(text: str) -> str:

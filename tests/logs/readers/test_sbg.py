@@ -56,3 +56,11 @@ def test_other_units_are_refused(tmp_path: Path) -> None:
         LogError, match=r"imuData\.txt: gyroX is in 'rad.s\^-1' where sbgBasicLogger writes 'deg.s\^-1'"
     ):
         read(path)
+
+
+def test_an_empty_file_of_a_receiver_was_cut(tmp_path: Path) -> None:
+    path = sbg.write(tmp_path)
+    (tmp_path / "gnss1Pos.txt").write_bytes(b"")
+    log = read(path)
+    assert log.position_llh is None
+    assert log.meta["completeness"] == "truncated"

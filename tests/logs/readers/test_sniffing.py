@@ -21,7 +21,7 @@ TAKEN_BY = {
     "comma2k19": "comma2k19",
     "kfgins": "kfgins",
     "kitti_oxts": "kitti",
-    "mapped_csv": None,
+    "mapped_csv": "plain-csv",
     "matlab": "matlab",
     "mcap": "mcap",
     "named_csv": "named-csv",
@@ -38,7 +38,7 @@ TAKEN_BY = {
     "vectornav": "vectornav",
     "vectornav_ascii": "vectornav-ascii",
 }
-"""The format of what each module of `samples` writes; of nmea the IMU file, of mapped_csv none without its mapping."""
+"""The format of what each module of `samples` writes: of nmea the IMU file, of mapped_csv without its mapping."""
 
 OVERLAPS = {
     "sbg": ("sbg", "named-csv"),
@@ -61,7 +61,7 @@ def modules() -> list[str]:
 def test_a_sample_is_claimed_by_one_reader(module: str, tmp_path: Path) -> None:
     path = importlib.import_module(f"samples.{module}").write(tmp_path)
     wanted = TAKEN_BY[module]
-    assert claims(path) == OVERLAPS.get(module, () if wanted is None else (wanted,))
+    assert claims(path) == OVERLAPS.get(module, (wanted,))
 
 
 def test_what_lies_beside_a_sample_is_claimed_by_one_reader_too(tmp_path: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import mmap
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -94,6 +96,16 @@ def imu_data(imu: ImuStream, *, name: str, boot_us: float | None, time_scale: st
         time_scale=None if boot_us is None else time_scale,
     )
     return data, dropped(without, "IMU samples that lack a reading of the accelerometer, or are marked as unhealthy")
+
+
+def mapped(path: Path) -> mmap.mmap:
+    """Return a file's bytes without reading them; they are looked at as they are needed."""
+    with path.open("rb") as file:
+        try:
+            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except ValueError:
+            # It had bytes a moment ago.
+            raise LogError(f"{path.name} is empty; check the recording or the copy.") from None
 
 
 def gather(data: Bytes, starts: Sequence[int], dtype: np.dtype[Any]) -> Records:

@@ -6,7 +6,6 @@ and the file is long enough for it; behind damage it goes on where sound message
 
 from __future__ import annotations
 
-import mmap
 import struct
 from array import array
 from collections.abc import Sequence
@@ -18,7 +17,7 @@ import numpy as np
 
 from levelhead.conventions import FloatArray
 from levelhead.errors import LogError
-from levelhead.logs.readers.autopilot import Bytes, Records, columns, gather
+from levelhead.logs.readers.autopilot import Bytes, Records, columns, gather, mapped
 
 MAGIC: Final = b"\xa3\x95"
 FMT_NUMBER: Final = 128
@@ -70,8 +69,7 @@ class DataFlashFile:
         self._by_number: list[Kind | None] = [None] * 256
         self._by_number[FMT_NUMBER] = Kind("FMT", FMT.size, np.dtype("V1"), {})
         self._lost: list[tuple[int, int]] = []
-        with path.open("rb") as file:
-            self._file = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._file = mapped(path)
         self._bytes: Bytes = np.frombuffer(self._file, dtype=np.uint8)
         self.size = len(self._file)
         if not self._file[:3] == MAGIC + bytes([FMT_NUMBER]):

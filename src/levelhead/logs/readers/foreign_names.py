@@ -140,6 +140,10 @@ _ABOUT_THE_SENSOR: Final = frozenset(
 )
 """Words at the beginning of a name that say where a number comes from, not what it is."""
 
+_MAX_NAME: Final = 200
+_MAX_WORDS: Final = 12
+"""A name has fewer letters than this, and what it means stands in fewer words: each part of them is looked up."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Named:
@@ -209,12 +213,15 @@ def factor_of(named: Named) -> float:
 
 
 def _named(name: str, header: str, unit_below: str, index: int) -> Named | None:
+    if len(header) > _MAX_NAME:
+        return None
     match = _BRACKETS.fullmatch(header)
     text, declared = (match.group(1), match.group(2)) if match else (header, unit_below)
     parts = [part for part in _PATH.split(text) if part]
     words = [[w.lower() for w in _WORDS.findall(part)] for part in parts]
     for first in range(len(words)):
-        meaning = _meaning([w for part in words[first:] for w in part])
+        rest = [w for part in words[first:] for w in part]
+        meaning = _meaning(rest) if len(rest) <= _MAX_WORDS else None
         if meaning is None:
             continue
         column, rank, unit = meaning

@@ -129,7 +129,7 @@ def _receivers(folder: Path) -> dict[str, list[Path]]:
     for number in (1, 2):
         for prefix in _GNSS_FILES:
             paths = [folder / f"{prefix.format(number)}{kind}.txt" for kind in ("Vel", "Pos")]
-            paths = [p for p in paths if p.is_file() and p.stat().st_size]
+            paths = [p for p in paths if p.is_file()]
             if paths:
                 found[f"gnss{number}"] = paths
                 break
@@ -172,6 +172,10 @@ def _read(path: Path, wanted: tuple[str, ...], content: bytes | None = None) -> 
 def _read_gnss(path: Path) -> _File:
     """Read a file of velocities or positions, without the rows whose status tells of no solution."""
     content = path.read_bytes()
+    if not content:
+        # A message that never came has no file: an empty one lost what was in it.
+        none = np.empty(0)
+        return _File(name=path.name, time=none, values={_TOW: none}, left_out=1)
     titles = content.partition(b"\n")[0].decode("ascii", errors="replace").split("\t")
     wanted = (_TOW, *_VELOCITY, *_VELOCITY_STD) if _VELOCITY[0] in titles else (_TOW, *_POSITION, *_POSITION_STD)
     file = _read(path, wanted, content)

@@ -7,7 +7,6 @@ one another.
 
 from __future__ import annotations
 
-import mmap
 import re
 import struct
 from array import array
@@ -18,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from levelhead.errors import LogError
-from levelhead.logs.readers.autopilot import Bytes, Parameters, Records, gather
+from levelhead.logs.readers.autopilot import Bytes, Parameters, Records, gather, mapped
 
 MAGIC: Final = b"ULog\x01\x12\x35"
 HEADER_BYTES: Final = 16
@@ -99,8 +98,7 @@ class UlogFile:
         self._by_id: dict[int, Topic] = {}
         self._lost: list[tuple[int, int]] = []
         self._flaws: list[str] = []
-        with path.open("rb") as file:
-            self._file = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._file = mapped(path)
         self._bytes: Bytes = np.frombuffer(self._file, dtype=np.uint8)
         self.size = len(self._file)
         if self.size < HEADER_BYTES or self._file[: len(MAGIC)] != MAGIC:
