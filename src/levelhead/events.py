@@ -29,6 +29,7 @@ EVENT_TEXTS: Final[dict[str, str]] = {
     "W_NO_EPOCHS": "GNSS epochs outside the span of the IMU data were not used.",
     "E_UNIT_GYRO": "The gyros' unit:",
     "E_UNIT_ACCEL": "The accelerometers' unit:",
+    "E_UNIT_VEL": "The GNSS velocities' unit:",
     "E_NO_GRAVITY": "Gravity is not in the accelerometers' readings:",
     "E_AXES": "The IMU's axes:",
     "E_FSIGN": "The sign of the specific force:",

@@ -90,7 +90,7 @@ def test_estimate_writes_what_the_contract_says(drive: Path, tmp_path: Path) -> 
     table = pq.read_table(tmp_path / "result.parquet")
     assert set(table.column_names) == RESULT_COLUMNS | {"latitude", "longitude", "height"}
     assert all((field.metadata or {}).get(b"unit") for field in table.schema)
-    expected = lh.estimate(lh.read(drive))
+    expected = lh.estimate(lh.check(lh.read(drive)).trusted())
     np.testing.assert_array_equal(table["gyro_bias_x"].to_numpy(), expected.gyro_bias[:, 0])
     np.testing.assert_array_equal(table["status"].to_numpy(), expected.status)
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -107,6 +107,7 @@ def test_estimate_writes_what_the_contract_says(drive: Path, tmp_path: Path) -> 
             "events",
             "runtime_s",
             "navigation",
+            "preflight",
         ),
         *("gyro_bias_deg_s", "gyro_bias_std_deg_s", "accel_bias_m_s2", "accel_bias_std_m_s2"),
     }

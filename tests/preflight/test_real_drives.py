@@ -176,6 +176,6 @@ def test_the_skid_steer_robot_has_gravity_on_its_y_axis(data_folder: Path) -> No
     else:
         assert axes.verdict is Verdict.REFUSED
         assert "Gravity does not lie along the z axis" in axes.text
-        # The notes: gravity reads on +y, so that it points along -y. The ground is level within 3 deg.
-        np.testing.assert_allclose(np.asarray(axes.values["gravity"]), [0.0, -1.0, 0.0], atol=0.05)
+        # The notes: gravity lies on +y. The ground is level within 3 deg.
+        np.testing.assert_allclose(np.asarray(axes.values["gravity"]), [0.0, 1.0, 0.0], atol=0.05)
     assert finding(found, "gyro unit").verdict is not Verdict.CORRECTED

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from levelhead.conventions import GRAVITY, FloatArray
+from levelhead.preflight.frames import WINDOW_WORTH
 from levelhead.preflight.windows import (
     BoolArray,
     Increments,
@@ -38,8 +39,13 @@ OFFSET_STD: Final = 1.0
 """One sigma of how far the clocks are from where the turns put them, s."""
 MAX_TURN: Final = 0.3
 """No heading is changed by more in a round, rad: the fit is linear."""
-ROUNDS: Final = 3
-"""Of the linear fit: from Wahba's rotations it is right to a thousandth of its sigma after two."""
+ROUNDS: Final = 20
+"""Of the linear fit at most: from Wahba's rotations two do, but along a valley, where a lever arm looks like an offset
+of the clocks, it takes many..."""
+SETTLED: Final = 0.05
+"""...and it has settled when nothing moves by more than this share of its sigma."""
+FROZEN: Final = 4
+"""Rounds after which windows that were left out stay out."""
 MAX_HEADING_STD: Final = np.radians(3.0)
 LINK_STD: Final = np.radians(0.1)
 """One sigma of the heading that the gyros carry from a window to the next, rad: noise of a consumer gyro over 20 s."""
@@ -48,6 +54,8 @@ SCALE_STD: Final = 0.003
 OUTLIER: Final = 4.0
 """Windows whose residual is so many times the median's do not count: GNSS jumped, or the gyros did."""
 
+SLOPE_STEPS: Final = 5
+"""Steps of the grid to both sides over which the antenna's acceleration round the IMU is taken."""
 MIN_SWING: Final = 0.15
 """Windows whose horizontal velocity swings less tell nothing of heading and clocks, m/s (see `Windows.swing`)."""
 SIGNAL: Final = 4.0
@@ -86,6 +94,13 @@ class Alignment:
         Windows whose heading is known, by themselves or carried by the gyros from one that swings.
     offsets_s, offsets_std : ndarray, shape (w,)
         The clock offset that each window alone would have, s.
+    offset_per_lever : ndarray, shape (3,)
+        By how much the clock offset would be found larger for every metre of a lever arm that is not there, s/m,
+        sensor axes; only where the lever arm is fitted too.
+    settled : bool
+        Whether the fit has come to rest; where not, nothing in it counts.
+    misfit : ndarray, shape (w,)
+        Minus the log-likelihood of each window that swings, its noise as it is found; 0 for the others.
     """
 
     offset_s: float
@@ -101,6 +116,13 @@ class Alignment:
     known: BoolArray
     offsets_s: FloatArray
     offsets_std: FloatArray
+    offset_per_lever: FloatArray
+    settled: bool
+    misfit: FloatArray
+
+    def leads(self, other: Alignment) -> float:
+        """Return the log-likelihood by which this fit leads another; no window may add more than `WINDOW_WORTH`."""
+        return float(np.clip(other.misfit - self.misfit, -WINDOW_WORTH, WINDOW_WORTH).sum())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +157,7 @@ def align(
     *,
     lever_arm: FloatArray | None = None,
     lever_std: float = 1e-6,
+    lever_start: FloatArray | None = None,
 ) -> Alignment | None:
     """Fit the velocities of all windows.
 
@@ -148,6 +171,8 @@ def align(
         From the IMU to the antenna, sensor axes, m; none where it is not known.
     lever_std : float
         One sigma of it, m.
+    lever_start : ndarray, shape (3,), optional
+        Where the search for it begins, m.
 
     Returns
     -------
@@ -158,6 +183,8 @@ def align(
     if lever_arm is not None:
         common[LEVER] = lever_arm
     expected = common.copy()
+    if lever_start is not None:
+        common[LEVER] = lever_start
     prior_std = np.full(COMMON, OFFSET_STD)
     prior_std[LEVER], prior_std[ACCEL], prior_std[GYRO] = lever_std, ACCEL_BIAS_STD, GYRO_BIAS_STD
     common[OFFSET] = start.offset_s
@@ -167,13 +194,21 @@ def align(
         return None
     expected[OFFSET] = start.offset_s
     dcm, carried = _carried(windows, increments, start, lively)
-    for _ in range(ROUNDS):
+    settled = False
+    for k in range(ROUNDS):
         problem = _linearised(windows, increments, motion, replace(start, dcm_f_to_ned=dcm), common)
         step = _solve(problem, expected - common, prior_std, used)
         common = common + step.common
         dcm = rotations(step.turn) @ dcm
-        used = lively & (step.residual < OUTLIER * np.median(step.residual[used]))
-    std = np.sqrt(np.diag(step.covariance))
+        std = np.sqrt(np.diag(step.covariance))
+        moved = np.concatenate((step.common / std, step.turn[used, 2] / step.attitude_std[used, 2]))
+        kept = lively & (step.residual < OUTLIER * np.median(step.residual[used]))
+        if k >= FROZEN:
+            kept &= used
+        settled = bool(np.abs(moved).max() < SETTLED) and np.array_equal(kept, used)
+        used = kept
+        if settled:
+            break
     return Alignment(
         offset_s=float(common[OFFSET]),
         offset_std=float(std[OFFSET]),
@@ -188,6 +223,9 @@ def align(
         known=(used | carried) & (step.attitude_std[:, 2] < MAX_HEADING_STD),
         offsets_s=common[OFFSET] + step.offsets,
         offsets_std=step.offsets_std,
+        offset_per_lever=np.asarray(-np.linalg.solve(step.model[LEVER, LEVER], step.model[LEVER, OFFSET]), np.float64),
+        settled=settled,
+        misfit=np.where(lively, step.freedom * np.log(step.residual + 1e-9), 0.0),
     )
 
 
@@ -235,10 +273,12 @@ class _Links:
 class _Step:
     common: FloatArray
     covariance: FloatArray
+    model: FloatArray
     turn: FloatArray
     attitude_std: FloatArray
     heading_covariance: FloatArray
     residual: FloatArray
+    freedom: FloatArray
     offsets: FloatArray
     offsets_std: FloatArray
 
@@ -269,8 +309,11 @@ def _linearised(windows: Windows, increments: Increments, motion: Motion, start:
     sensor = to_ned @ on_grid(attitude, windows, when)
     swing = sensor @ skew(on_grid(_at_nodes(rate), windows, when))
     acceleration = ned(on_grid(_at_nodes(force), windows, when)) + gravity
-    # With the lever, the acceleration of the antenna differs from the IMU's by what a turn at a steady rate adds.
-    local = np.concatenate((np.broadcast_to(np.eye(3), (*when.shape, 3, 3)), -skew(velocity)), axis=-1)
+    # At the end of a lever arm velocity and acceleration are others: all that tells it from an offset of the clocks.
+    arm = np.einsum("wkij,wkj->wki", attitude, np.cross(_at_nodes(rate), common[LEVER]))
+    acceleration += ned(on_grid(_slopes(arm, step), windows, when))
+    turning = velocity + ned(on_grid(arm, windows, when))
+    local = np.concatenate((np.broadcast_to(np.eye(3), (*when.shape, 3, 3)), -skew(turning)), axis=-1)
     columns = (
         -acceleration[..., None],
         swing,
@@ -388,10 +431,12 @@ def _solve(problem: _Problem, to_prior: FloatArray, prior_std: FloatArray, used:
     return _Step(
         common=step,
         covariance=covariance[:COMMON, :COMMON],
+        model=np.asarray(inverse[:COMMON, :COMMON], np.float64),
         turn=np.column_stack((own_step[:, 3:], turn)),
         attitude_std=np.column_stack((tilt_std * np.maximum(residual, 1.0)[:, None], heading_std)),
         heading_covariance=covariance[COMMON:, COMMON:],
         residual=residual,
+        freedom=freedom.astype(np.float64),
         offsets=(mixed * left).sum(axis=1) / alone,
         offsets_std=np.maximum(residual, 1.0) / np.sqrt(alone),
     )
@@ -433,6 +478,14 @@ def _padded(prior: FloatArray, size: int) -> FloatArray:
 def _summed(steps: FloatArray) -> FloatArray:
     """Return the running sum of steps along the second axis, 0 at first."""
     return np.concatenate((np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)), axis=1)
+
+
+def _slopes(values: FloatArray, step: float) -> FloatArray:
+    """Return the slope of values on the grid, over times in which the noise of the rates averages out."""
+    ahead, behind = (np.repeat(values[:, edge], SLOPE_STEPS, axis=1) for edge in (slice(-1, None), slice(1)))
+    wide = np.concatenate((behind, values, ahead), axis=1)
+    slopes: FloatArray = (wide[:, 2 * SLOPE_STEPS :] - wide[:, : -2 * SLOPE_STEPS]) / (2.0 * SLOPE_STEPS * step)
+    return slopes
 
 
 def _at_nodes(steps: FloatArray) -> FloatArray:

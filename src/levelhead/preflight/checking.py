@@ -95,7 +95,12 @@ def check(log: Log, *, told: Told | None = None) -> Preflight:
     claims = decide.Claims.of(log.meta, _told_facts(told))
     given = told_corrections(told)
     start = given.apply(log)
-    look = look_at(start, lever_arm=told.lever_arm, frame_told=told.velocity_frame is not None)
+    look = look_at(
+        start,
+        lever_arm=told.lever_arm,
+        frame_told=told.velocity_frame is not None,
+        frame_open="velocity_frame" in claims.unknown,
+    )
     findings, found = _decisions(start, look, claims)
     if told.latency_s is not None:
         found, findings = _latency_as_told(found, findings)
@@ -124,9 +129,11 @@ def _decisions(log: Log, look: Look, claims: decide.Claims) -> tuple[list[Findin
     for decision in (decide.accel_unit, decide.gyro_unit, decide.velocity_frame):
         finding, fix = decision(look, claims, fix)
         findings.append(finding)
-    more, fix = decide.axes(look, claims, fix)
-    findings += more
+    unit = decide.velocity_unit(look)
+    findings += [] if unit is None else [unit]
     middle = 0.5 * float(log.time[0] + log.time[-1])
+    more, fix = decide.axes(look, claims, fix, middle, log.duration)
+    findings += more
     finding, fix = decide.clock(look, claims, fix, middle, log.duration)
     findings.append(finding)
     arm = decide.lever(look, look.lever_told)

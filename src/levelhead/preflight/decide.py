@@ -14,7 +14,8 @@ from levelhead.logs.mapping import rotation_321
 from levelhead.logs.pieces import Fact
 from levelhead.preflight.corrections import Corrections, angles_321, axes_name, nearest_axes
 from levelhead.preflight.findings import Finding, Verdict
-from levelhead.preflight.look import Look
+from levelhead.preflight.look import MAX_TURNED, Look, nearest_unit, right_speeds
+from levelhead.preflight.speeds import VELOCITY_UNITS
 
 SURE_SIGMAS: Final = 3.0
 MIN_LATENCY_S: Final = 0.01
@@ -30,6 +31,13 @@ YAW_STD: Final = math.radians(1.0)
 MIN_COHERENCE: Final = 0.8
 DRIFT_SIGMAS: Final = 6.0
 MIN_DRIFT_S: Final = 0.02
+MAX_DRIFT: Final = 2e-4
+"""No crystal is worse; what looks like a faster drift is a jump, or stamps made by a busy computer, s/s."""
+MIN_DRIFT_WINDOWS: Final = 10
+WANDER_RATE: Final = math.radians(10.0)
+"""Clocks that wander turn the headings by what the vehicle turns in that time, at such a rate, rad/s."""
+WANDER_SIGMAS: Final = 5.0
+"""The clocks wander where the offsets of stretches of the drive differ by so many sigmas more than they should."""
 UPRIGHT: Final = math.radians(60.0)
 """The z axis may lean by this much from the vertical before the axes are said to be wrong, rad."""
 
@@ -135,13 +143,45 @@ def gyro_unit(look: Look, claims: Claims, fix: Corrections) -> Decision:
     return Finding(name=name, verdict=verdict, text=text, code=code, values={**values, "unit": unit}), fix
 
 
+def velocity_unit(look: Look) -> Finding | None:
+    """Return the finding on the unit of the GNSS velocity; None where nothing tells."""
+    speeds = look.speeds
+    if speeds is None:
+        return None
+    how = "accelerations and specific force" if speeds.turned is None else "steps between positions"
+    values: dict[str, object] = {"m_s_per_unit": speeds.ratio}
+    unit = nearest_unit(speeds.ratio, VELOCITY_UNITS)
+    if unit == "m/s":
+        text = f"m/s: {how} say {speeds.ratio:.2f} m/s for 1."
+        return Finding(name="velocity unit", verdict=Verdict.FINE, text=text, values=values)
+    if speeds.turned is None and unit is None:
+        # Accelerations that are not the vehicle's (few turns, vibration) give any ratio: only a unit's own is evidence.
+        text = f"Not certain: {how} say {speeds.ratio:.3g} m/s for 1, which is no unit. Taken as m/s."
+        return Finding(name="velocity unit", verdict=Verdict.UNDECIDED, code="E_UNIT_VEL", text=text, values=values)
+    shown = f"{unit}, not m/s" if unit else f"none of {', '.join(VELOCITY_UNITS)}"
+    text = (
+        f"{shown}: {how} say {speeds.ratio:.3g} m/s for 1. Turn the velocities into m/s, or name their unit in the "
+        "mapping."
+    )
+    return Finding(name="velocity unit", verdict=Verdict.REFUSED, code="E_UNIT_VEL", text=text, values=values)
+
+
 def velocity_frame(look: Look, claims: Claims, fix: Corrections) -> Decision:
     """Decide on the frame of the GNSS velocity."""
     name, code = "velocity frame", "E_VEL_FRAME"
-    by_windows = look.frames is not None and look.frames.decided
+    by_windows = look.frames is not None and look.frames.decided and look.coherent
+    values: dict[str, object]
     if look.velocity_derived:
         text = "The velocities are derived from the positions, so their frame is known."
         return Finding(name=name, verdict=Verdict.FINE, text=text), fix
+    turned = 0.0 if look.speeds is None else look.speeds.turned or 0.0
+    if abs(turned) > MAX_TURNED:
+        text = (
+            f"The velocities point {math.degrees(turned):.0f} deg to the left of the steps between positions, in any "
+            "frame: turn them into North, East, Down."
+        )
+        values = {"turned_deg": math.degrees(turned)}
+        return Finding(name=name, verdict=Verdict.REFUSED, text=text, code=code, values=values), fix
     if look.by_positions is not None:
         found, margin = look.by_positions, look.positions_margin
         how = f"the positions move so, with a log-likelihood of {margin:.0f}"
@@ -153,7 +193,7 @@ def velocity_frame(look: Look, claims: Claims, fix: Corrections) -> Decision:
         text = "Neither positions nor accelerations tell the frame of the velocity."
         text += " Pass --velocity-frame." if verdict is Verdict.REFUSED else " Taken as North, East, Down."
         return Finding(name=name, verdict=verdict, text=text, code=code), fix
-    values: dict[str, object] = {"frame": found, "margin": margin}
+    values = {"frame": found, "margin": margin}
     if found == "NED":
         return Finding(name=name, verdict=Verdict.FINE, text=f"NED: {how}.", values=values), fix
     verdict = claims.verdict("velocity_frame")
@@ -166,24 +206,27 @@ def velocity_frame(look: Look, claims: Claims, fix: Corrections) -> Decision:
     )
 
 
-def axes(look: Look, claims: Claims, fix: Corrections) -> tuple[list[Finding], Corrections]:
+def axes(
+    look: Look, claims: Claims, fix: Corrections, middle_s: float, duration_s: float
+) -> tuple[list[Finding], Corrections]:
     """Decide on axes and signs, and report how the IMU is mounted."""
     frames, mounting = look.frames, look.mounting
-    if frames is None or mounting is None or not frames.decided or not mounting.decided:
+    if frames is None or mounting is None or not (look.coherent and frames.decided and mounting.decided):
         return [_undecided_axes(look, claims)], fix
     best = frames.hypothesis
     dcm = mounting.dcm_sensor_to_vehicle
     nearest = nearest_axes(dcm)
     yaw, pitch, roll = angles_321(dcm @ nearest.T)
+    yaw_std = math.hypot(mounting.yaw_std, WANDER_RATE * _drift(look, middle_s, duration_s)[1])
     findings = [_named_axes(best.force_sign, best.rate_sign, nearest, frames.margin, claims)]
     values: dict[str, object] = {
         "yaw_deg": math.degrees(yaw),
-        "yaw_std_deg": math.degrees(mounting.yaw_std),
+        "yaw_std_deg": math.degrees(yaw_std),
         "pitch_deg": math.degrees(pitch),
         "roll_deg": math.degrees(roll),
     }
-    told = f"{math.degrees(yaw):.2f} +- {math.degrees(mounting.yaw_std):.2f} deg"
-    sure = abs(yaw) > max(MIN_YAW, SURE_SIGMAS * mounting.yaw_std)
+    told = f"{math.degrees(yaw):.2f} +- {math.degrees(yaw_std):.2f} deg"
+    sure = abs(yaw) > max(MIN_YAW, SURE_SIGMAS * yaw_std)
     text = f"The IMU's forward axis points {told} to the right of the direction of travel"
     if sure:
         verdict, code = Verdict.CORRECTED, "W_MOUNT_YAW" if abs(yaw) > WARN_YAW else ""
@@ -191,7 +234,7 @@ def axes(look: Look, claims: Claims, fix: Corrections) -> tuple[list[Finding], C
             Finding(name="mounting yaw", verdict=verdict, code=code, text=f"{text}: taken off.", values=values)
         )
     else:
-        verdict = Verdict.FINE if mounting.yaw_std < YAW_STD else Verdict.UNDECIDED
+        verdict = Verdict.FINE if yaw_std < YAW_STD else Verdict.UNDECIDED
         findings.append(Finding(name="mounting yaw", verdict=verdict, text=f"{text}: left alone.", values=values))
     tilt = f"pitched by {math.degrees(pitch):.1f} and rolled by {math.degrees(roll):.1f} deg"
     text = f"In the mean over the drive the IMU is {tilt}: accepted as it is."
@@ -243,7 +286,9 @@ def _undecided_axes(look: Look, claims: Claims) -> Finding:
         "margin": None if look.frames is None else look.frames.margin,
     }
     frames = look.frames
-    if frames is None or look.alignment is None:
+    if look.speeds is not None and not right_speeds(look.speeds):
+        reason = "the velocities are not what they should be"
+    elif frames is None or look.alignment is None:
         reason = "the drive has no turns and no braking that would tell forward and right"
     elif frames.alternatives:
         others = " or ".join(_spoken(h.force_sign, h.rate_sign, h.velocity_frame) for h in frames.alternatives)
@@ -251,6 +296,8 @@ def _undecided_axes(look: Look, claims: Claims) -> Finding:
         reason = f"the data fits {_spoken(best.force_sign, best.rate_sign, best.velocity_frame)} as well as {others}"
     elif not frames.decided:
         reason = f"the signs are not certain (log-likelihood {frames.margin:.0f}, and 20 is asked for)"
+    elif not look.alignment.settled or look.mounting is None:
+        reason = "readings and velocities do not fit together"
     elif look.mounting is not None and look.mounting.one_way < 0.7:
         reason = "the vehicle drives as much backwards as forwards"
     else:
@@ -285,14 +332,18 @@ def clock(look: Look, claims: Claims, fix: Corrections, middle_s: float, duratio
     """Decide on the offset of the clocks and its drift."""
     name, fit = "clock", look.alignment
     frames = look.frames
-    if fit is None or frames is None or not frames.decided or fit.offset_std > LATENCY_STD_S:
-        found = "" if fit is None or frames is None or not frames.decided else f" (within {fit.offset_std:.3f} s)"
+    known = frames is not None and frames.decided and look.coherent
+    drift, wander = _drift(look, middle_s, duration_s)
+    sigma = math.inf if fit is None else math.hypot(fit.offset_std, wander)
+    if fit is None or not known or sigma > LATENCY_STD_S:
+        found = "" if fit is None or not known else f" (within {sigma:.3f} s)"
+        if known and wander > LATENCY_STD_S:
+            found = f": they do not stay so, but go {wander:.2f} s to and fro"
         verdict = claims.open("clock")
         text = f"The drive cannot tell how far the clocks of IMU and GNSS are apart{found}."
         text += " Pass --latency." if verdict is Verdict.REFUSED else " Taken as one clock."
         return Finding(name=name, verdict=verdict, text=text), fix
-    late, sigma = fit.offset_s, fit.offset_std
-    drift = _drift(look, middle_s, duration_s)
+    late = fit.offset_s
     values: dict[str, object] = {"latency_s": late, "latency_std_s": sigma, "drift_s_per_h": drift * 3600.0}
     side = "late" if late > 0.0 else "early"
     text = f"The GNSS stamps are {abs(late):.3f} +- {sigma:.3f} s {side} against the IMU's"
@@ -312,22 +363,45 @@ def clock(look: Look, claims: Claims, fix: Corrections, middle_s: float, duratio
     return Finding(name=name, verdict=Verdict.CORRECTED, text=f"{text}: taken off.", code=code, values=values), fix
 
 
-def _drift(look: Look, middle_s: float, duration_s: float) -> float:
-    """Return the drift of the clocks, s/s, where the windows agree on one; 0 otherwise."""
+def _drift(look: Look, middle_s: float, duration_s: float) -> tuple[float, float]:
+    """Return the drift of the clocks where the windows agree on one, s/s, and how far they wander about it, s."""
     fit = look.alignment
-    if fit is None or fit.used.sum() < 10:
-        return 0.0
+    if fit is None or fit.used.sum() < 2:
+        return 0.0, 0.0
     when = look.windows.start[fit.used] - middle_s
     off, sigma = fit.offsets_s[fit.used] - fit.offset_s, fit.offsets_std[fit.used]
     weight = 1.0 / sigma**2
-    design = np.column_stack((np.ones_like(when), when))
-    inverse = np.linalg.pinv(design.T @ (weight[:, None] * design))
-    solution = inverse @ (design.T @ (weight * off))
-    left = off - design @ solution
-    chi = max(1.0, float((weight * left**2).sum() / max(when.size - 2, 1)))
-    slope, slope_std = float(solution[1]), math.sqrt(float(inverse[1, 1]) * chi)
-    clear = abs(slope) > DRIFT_SIGMAS * slope_std and abs(slope) * duration_s > MIN_DRIFT_S
-    return slope if clear else 0.0
+    slope, left = 0.0, off
+    if when.size >= MIN_DRIFT_WINDOWS:
+        design = np.column_stack((np.ones_like(when), when))
+        inverse = np.linalg.pinv(design.T @ (weight[:, None] * design))
+        solution = inverse @ (design.T @ (weight * off))
+        left = off - design @ solution
+        chi = max(1.0, float((weight * left**2).sum() / max(when.size - 2, 1)))
+        slope, slope_std = float(solution[1]), math.sqrt(float(inverse[1, 1]) * chi)
+        clear = abs(slope) > DRIFT_SIGMAS * slope_std and abs(slope) * duration_s > MIN_DRIFT_S
+        if clear and abs(slope) > MAX_DRIFT:
+            return 0.0, abs(slope) * duration_s / math.sqrt(12.0)
+        slope, left = (slope, left) if clear else (0.0, off)
+    return slope, max(_spread(left, sigma, count) for count in (2, 4, when.size // 2, when.size))
+
+
+def _spread(values: FloatArray, sigma: FloatArray, count: int) -> float:
+    """Return by how much values differ between so many stretches that follow on each other, beyond their noise."""
+    parts = [part for part in np.array_split(np.arange(values.size), max(count, 1)) if part.size]
+    if len(parts) < 2:
+        return 0.0
+    weight = 1.0 / sigma**2
+    total = np.array([weight[part].sum() for part in parts])
+    mean = np.array([weight[part] @ values[part] for part in parts]) / total
+    within = sum(float(weight[p] @ (values[p] - m) ** 2) for p, m in zip(parts, mean, strict=True))
+    total = total / max(1.0, within / max(values.size - len(parts), 1))
+    misfit = float(total @ (mean - total @ mean / total.sum()) ** 2)
+    freedom = len(parts) - 1
+    if misfit < freedom + WANDER_SIGMAS * math.sqrt(2.0 * freedom):
+        return 0.0
+    # Moments (DerSimonian and Laird): what the stretches' own sigmas leave to be explained.
+    return math.sqrt((misfit - freedom) / float(total.sum() - (total @ total) / total.sum()))
 
 
 def lever(look: Look, told: bool) -> Finding | None:

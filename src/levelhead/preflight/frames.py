@@ -76,6 +76,8 @@ class Frames:
         The rotation of each window's frame F to NED.
     windows : int
         How many windows spoke for it.
+    force, change : ndarray, shape (w, e, 3)
+        Specific force in F and change of the velocity in NED, m/s^2, as they were compared.
     """
 
     hypothesis: Hypothesis
@@ -83,6 +85,8 @@ class Frames:
     alternatives: tuple[Hypothesis, ...]
     dcm_f_to_ned: FloatArray
     windows: int
+    force: FloatArray
+    change: FloatArray
 
     @property
     def decided(self) -> bool:
@@ -129,10 +133,12 @@ def find_frames(
     change = (velocity[:, lag:] - velocity[:, :-lag]) / duration[..., None]
     gravity = np.array([0.0, 0.0, GRAVITY])
     fits: dict[Hypothesis, tuple[FloatArray, FloatArray]] = {}
+    forces = {}
     for rate_sign in (1, -1):
         _, push = turned(windows, increments, scale=rate_sign * units.gyro, bias=units.gyro_bias)
         push = on_grid(push * units.accel, windows, when - units.offset_s)
         force = (push[:, lag:] - push[:, :-lag]) / duration[..., None]
+        forces[rate_sign] = force
         known = np.asarray(np.isfinite(force + change).all(axis=-1))
         for frame in velocity_frames:
             expected = np.where(known[..., None], change @ VELOCITY_FRAMES[frame].T - gravity, 0.0)
@@ -142,13 +148,22 @@ def find_frames(
                     felt, expected
                 )
     independent = (np.isfinite(duration).sum(axis=1) * min(interval / INDEPENDENT_S, 1.0)).astype(np.float64)
-    return _judge(fits, independent, velocity_frames)
+    chosen, margin, alternatives, voices = _judge(fits, independent, velocity_frames)
+    return Frames(
+        hypothesis=chosen,
+        margin=margin,
+        alternatives=alternatives,
+        dcm_f_to_ned=fits[chosen][0].transpose(0, 2, 1),
+        windows=voices,
+        force=chosen.force_sign * forces[chosen.rate_sign],
+        change=change @ VELOCITY_FRAMES[chosen.velocity_frame].T,
+    )
 
 
 def _judge(
     fits: dict[Hypothesis, tuple[FloatArray, FloatArray]], independent: FloatArray, behind: Mapping[str, float]
-) -> Frames:
-    """Return the best of the hypotheses and how far it leads those that the windows can tell from it."""
+) -> tuple[Hypothesis, float, tuple[Hypothesis, ...], int]:
+    """Return the best of the hypotheses, how far it leads those that the windows can tell from it, and the others."""
     logs = {h: 1.5 * independent * np.log(rss + 1e-12) for h, (_, rss) in fits.items()}
 
     def score(h: Hypothesis) -> float:
@@ -162,13 +177,8 @@ def _judge(
     chosen = min(same, key=lambda h: h.oddity)
     alternatives = tuple(h for h in same if h is not chosen and h.oddity < chosen.oddity + PLAINER)
     runner = min(others, key=lambda h: lead[h], default=None)
-    return Frames(
-        hypothesis=chosen,
-        margin=0.0 if runner is None else lead[runner],
-        alternatives=alternatives,
-        dcm_f_to_ned=fits[chosen][0].transpose(0, 2, 1),
-        windows=0 if runner is None else int((gains[runner] > 1.0).sum()),
-    )
+    voices = 0 if runner is None else int((gains[runner] > 1.0).sum())
+    return chosen, 0.0 if runner is None else lead[runner], alternatives, voices
 
 
 def wahba(felt: FloatArray, expected: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -20,29 +20,39 @@ from levelhead.preflight.alignment import Alignment, Noise, Start, align
 from levelhead.preflight.corrections import Corrections
 from levelhead.preflight.frames import DECIDED, VELOCITY_FRAMES, Frames, Units, find_frames, frames_by_positions
 from levelhead.preflight.mounting import Mounting, find_mounting
+from levelhead.preflight.speeds import Speeds, speeds_by_forces, speeds_by_positions
 from levelhead.preflight.turns import Turns, compare_turns
-from levelhead.preflight.windows import Increments, Motion, Windows, choose_windows
+from levelhead.preflight.windows import BoolArray, Increments, Motion, Windows, choose_windows
 
 UNIT_TOLERANCE: Final = 0.2
 """A unit is found where what it should give is met within this (natural logarithm): scale errors are far smaller, units
 differ by far more."""
+MAX_TURNED: Final = math.radians(15.0)
+"""Velocities that are turned further against the steps between positions are in none of the frames that are known: what
+a map's north or the magnet's is off is less."""
 BLOCK_S: Final = 1.0
 MARGIN_S: Final = 1.6
 """IMU data that must lie around a window, s: as far as clocks may be apart."""
-APART: Final = 1.5
-"""By how much an unknown lever arm may widen the sigma of the clocks before the two cannot be told apart."""
 MIN_SIGMA: Final = 0.02
 """No velocity is believed to better than this, m/s."""
 CLEAN: Final = 0.05
 """Noise of derived velocities, as a share of the speed, above which they are taken over longer steps..."""
 MAX_STEP_S: Final = 2.0
 """...but not over longer ones than this, s."""
+JUMP_EPOCHS: Final = 5
+JUMP_SIGMAS: Final = 8.0
+MAX_ACCELERATION: Final = 5.0
+"""A velocity that is off the median of the five epochs round it by so many usual deviations, and by more than this
+acceleration reaches from one to the next, is an outlier, m/s^2."""
 QUIET: Final = NoiseParams()
 LEVER_STD: Final = 3.0
 """One sigma of a lever arm that nobody told, m."""
+SURE_LEVER: Final = 4.0
+MIN_LEVER_M: Final = 0.1
+"""A lever arm that nobody told counts for the clocks where it is so many sigmas and so many metres from zero..."""
 CLEAR_LEVER: Final = 6.0
 CLEAR_LEVER_M: Final = 0.5
-"""A lever arm that nobody told is believed where it is so many sigmas and so many metres from zero."""
+"""...and is told to the user where it is so many."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,10 +73,12 @@ class Look:
         Yaw rate against course.
     by_positions : str or None
         Frame in which alone the velocities agree with the positions; `positions_margin` is the log-likelihood by which.
+    speeds : Speeds or None
+        How large the velocities are, by positions or accelerations.
     frames, alignment, mounting
         Of the windows; `mounting` in the axes that `frames` has put right.
     lever_found, lever_told : bool
-        Whether the velocities show a lever arm that nobody told; whether the user told one.
+        Whether the velocities show a large lever arm that nobody told; whether the user told one.
     velocity_derived : bool
         Whether the velocities come from the positions.
     """
@@ -81,6 +93,7 @@ class Look:
     turns: Turns | None
     by_positions: str | None
     positions_margin: float
+    speeds: Speeds | None
     frames: Frames | None
     alignment: Alignment | None
     mounting: Mounting | None
@@ -88,8 +101,13 @@ class Look:
     lever_told: bool
     velocity_derived: bool
 
+    @property
+    def coherent(self) -> bool:
+        """Whether clocks, headings and line of travel fit together: in wrong frames and axes they do not."""
+        return bool(self.alignment and self.alignment.settled and self.mounting and self.mounting.coherent)
 
-def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = False) -> Look:
+
+def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = False, frame_open: bool = False) -> Look:
     """Look at a log.
 
     Parameters
@@ -100,13 +118,20 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
         From the IMU to the antenna, vehicle axes, m, where the user told it.
     frame_told : bool
         Whether the user told the frame of the velocity, so that it is NED by now.
+    frame_open : bool
+        Whether nothing tells that frame: else velocities without a vertical part are speed and course.
 
     Raises
     ------
     LogError
         When the log has neither velocities nor positions that velocities can be derived from.
     """
-    behind = _by_positions(log)
+    steps = _steps(log)
+    behind = {} if steps is None else frames_by_positions(*steps)
+    flat = log.velocity_ned is not None and not np.any(np.nan_to_num(log.velocity_ned[:, 2]))
+    if flat:
+        behind.pop("NEU", None)  # without a vertical velocity it is NED
+    speeds = None if steps is None else speeds_by_positions(*steps)
     ranked = sorted(behind, key=lambda name: -behind[name])
     positions_margin = -behind[ranked[1]] if ranked else 0.0
     by_positions = ranked[0] if positions_margin >= DECIDED else None
@@ -125,11 +150,14 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
             gyro_bias=_gyro_bias(increments, up, turns),
             offset_s=0.0 if turns is None else turns.offset_s,
         )
-        flat = not np.any(motion.velocity[:, 2])  # speed and course: a frame that nobody can have got wrong
-        known = by_positions or frame_told or flat or log.velocity_ned is None
-        possible = {"NED": 0.0} if known else {name: behind.get(name, 0.0) for name in VELOCITY_FRAMES}
+        course = flat and not frame_open  # speed and course: a frame that nobody can have got wrong
+        known = by_positions or frame_told or course or log.velocity_ned is None
+        names = {"NED"} if known else {"NED", "ENU"} if flat else set(VELOCITY_FRAMES)
+        possible = {name: 0.0 if known else behind.get(name, 0.0) for name in VELOCITY_FRAMES if name in names}
         frames = find_frames(windows, increments, motion, units, velocity_frames=possible)
-    if frames is not None:
+        if frames is not None and speeds is None and log.velocity_ned is not None:
+            speeds = speeds_by_forces(frames.dcm_f_to_ned, frames.force, frames.change)
+    if frames is not None and (speeds is None or right_speeds(speeds)):
         alignment, mounting, lever_found = _aligned(
             windows, increments, motion, units, frames, _noise(log, units), lever_arm
         )
@@ -144,6 +172,7 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
         turns=turns,
         by_positions=by_positions,
         positions_margin=positions_margin,
+        speeds=speeds,
         frames=frames,
         alignment=alignment,
         mounting=mounting,
@@ -157,9 +186,10 @@ def motion_of(log: Log) -> Motion:
     """Return the GNSS velocities; derived from the positions where the log has none."""
     if log.velocity_ned is None:
         return _derived(log)
-    whole = np.isfinite(log.velocity_ned).all(axis=1)
+    whole: BoolArray = np.asarray(np.isfinite(log.velocity_ned).all(axis=1))
     if whole.sum() < 2:
         raise LogError("The log has fewer than two GNSS velocities; nothing can be found in it.")
+    whole[whole] = ~_jumps(log.gnss_time[whole], log.velocity_ned[whole])
     velocity = log.velocity_ned[whole]
     told = log.velocity_std
     rows = np.full((log.gnss_time.size, 3), np.nan)
@@ -193,6 +223,18 @@ def _derived(log: Log) -> Motion:
     return Motion(time=data.gnss_time, velocity=data.velocity_ned, sigma=np.full_like(data.velocity_ned, sigma))
 
 
+def _jumps(time: FloatArray, velocity: FloatArray) -> BoolArray:
+    """Return the epochs whose velocity stands alone: far from the median of the five round it."""
+    if time.size < JUMP_EPOCHS:
+        return np.zeros(time.size, dtype=np.bool_)
+    padded = np.pad(velocity, ((JUMP_EPOCHS // 2, JUMP_EPOCHS // 2), (0, 0)), mode="edge")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, JUMP_EPOCHS, axis=0), axis=-1)
+    off = np.abs(velocity - middle)
+    usual = 1.4826 * np.median(off, axis=0) + MIN_SIGMA
+    possible = MAX_ACCELERATION * float(np.median(np.diff(time)))
+    return np.asarray((off > np.maximum(JUMP_SIGMAS * usual, possible)).any(axis=1))
+
+
 def _velocity_noise(velocity: FloatArray) -> float:
     """Return the noise of the horizontal velocity from third differences, which motion hardly reaches, m/s."""
     third = np.diff(velocity[:, :2], n=3, axis=0)
@@ -201,18 +243,23 @@ def _velocity_noise(velocity: FloatArray) -> float:
     return max(0.03, 1.4826 * float(np.median(np.abs(third))) / math.sqrt(20.0))
 
 
-def _by_positions(log: Log) -> dict[str, float]:
-    """Return how far each frame of the velocities is behind the best in log-likelihood, by the positions."""
+def right_speeds(speeds: Speeds) -> bool:
+    """Return whether the velocities are in m/s and not turned against the positions."""
+    return abs(math.log(speeds.ratio)) < UNIT_TOLERANCE and abs(speeds.turned or 0.0) < MAX_TURNED
+
+
+def _steps(log: Log) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
+    """Return stamps, steps between positions (m, NED), velocities and positions, about a second apart."""
     if log.velocity_ned is None or log.position_llh is None:
-        return {}
+        return None
     both = np.isfinite(log.velocity_ned).all(axis=1) & np.isfinite(log.position_llh).all(axis=1)
     if both.sum() < 3:
-        return {}
+        return None
     position, velocity, time = log.position_llh[both], log.velocity_ned[both], log.gnss_time[both]
     # Steps over about a second stand out of the noise of the positions.
     stride = max(1, round(1.0 / float(np.median(np.diff(time)))))
     time, position, velocity = time[::stride], position[::stride], velocity[::stride]
-    return frames_by_positions(time, steps_ned(position), velocity, position)
+    return time, steps_ned(position), velocity, position
 
 
 def _noise(log: Log, units: Units) -> Noise:
@@ -290,13 +337,39 @@ def _aligned(
         lever = mounting.dcm_sensor_to_vehicle.T @ np.array(lever_arm)
         told = align(windows, increments, ned, start, lever_arm=lever)
         return told, None if told is None else find_mounting(windows, ned, told), False
-    near = replace(start, dcm_f_to_ned=plain.dcm_f_to_ned, offset_s=plain.offset_s)
-    free = align(windows, increments, ned, near, lever_std=LEVER_STD)
-    if free is None:
+    free = _with_lever(windows, increments, ned, replace(start, dcm_f_to_ned=plain.dcm_f_to_ned), plain)
+    if free is None or not free.settled:
         return plain, mounting, False
-    clear = (np.abs(free.lever_arm) > CLEAR_LEVER * free.lever_std) & (np.abs(free.lever_arm) > CLEAR_LEVER_M)
-    # At one speed and in steady turns a lever arm looks like an offset of the clocks: neither is found then.
-    apart = free.offset_std < APART * plain.offset_std
-    if not clear.any() or not apart:
-        return plain, mounting, False
-    return free, find_mounting(windows, ned, free), True
+    size = np.abs(free.lever_arm)
+    sure = ((size > SURE_LEVER * free.lever_std) & (size > MIN_LEVER_M)).any()
+    if not sure or free.leads(plain) < DECIDED:
+        return replace(plain, offset_per_lever=free.offset_per_lever), mounting, False
+    clear = (size > CLEAR_LEVER * free.lever_std) & (size > CLEAR_LEVER_M)
+    return free, find_mounting(windows, ned, free), bool(clear.any())
+
+
+def _with_lever(
+    windows: Windows, increments: Increments, ned: Motion, start: Start, plain: Alignment
+) -> Alignment | None:
+    """Fit clocks and lever arm together.
+
+    At one speed an antenna ahead of the IMU looks almost like clocks that are apart, and what tells the two apart is
+    quadratic: there are two answers, and the one that fits better is found from where the search begins.
+    """
+
+    def search(shift: FloatArray) -> Alignment | None:
+        begun = replace(start, offset_s=plain.offset_s)
+        if shift.any():
+            begun = replace(begun, offset_s=plain.offset_s - float(along @ shift))
+        return align(windows, increments, ned, begun, lever_std=LEVER_STD, lever_start=shift)
+
+    along = np.zeros(3)
+    first = search(np.zeros(3))
+    if first is None or not (np.abs(first.lever_arm) > SURE_LEVER * first.lever_std).any():
+        return first
+    along = first.offset_per_lever
+    side = -LEVER_STD if along @ first.lever_arm > 0.0 else LEVER_STD
+    other = search(side * along / max(float(np.linalg.norm(along)), 1e-9))
+    if other is None or (first.settled and not (other.settled and other.leads(first) > 0.0)):
+        return first
+    return other

@@ -49,9 +49,14 @@ class Mounting:
     voices: float
 
     @property
+    def coherent(self) -> bool:
+        """Whether the line of travel is known to a few degrees: it is not where the fit is a wrong one."""
+        return self.voices >= MIN_VOICES and self.yaw_std < np.radians(4.0)
+
+    @property
     def decided(self) -> bool:
         """Whether forward is known to a few degrees."""
-        return self.voices >= MIN_VOICES and self.one_way >= ONE_WAY and self.yaw_std < np.radians(4.0)
+        return self.coherent and self.one_way >= ONE_WAY
 
 
 def find_mounting(windows: Windows, motion: Motion, alignment: Alignment) -> Mounting | None:

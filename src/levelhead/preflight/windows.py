@@ -203,10 +203,10 @@ def running_product(matrices: FloatArray) -> FloatArray:
 
 
 def on_grid(values: FloatArray, windows: Windows, when: FloatArray) -> FloatArray:
-    """Interpolate values (w, k + 1, ...) on the grid linearly at times (w, e), s; NaN times give NaN."""
+    """Interpolate values (w, k + 1, ...) on the grid linearly at times (w, e), s; NaN outside it and for NaN."""
     step = windows.offsets[1]
     place = (when - windows.start[:, None]) / step
-    known = np.isfinite(place)
+    known = (place >= 0.0) & (place <= windows.offsets.size - 1)
     left = np.clip(np.where(known, place, 0.0).astype(np.intp), 0, windows.offsets.size - 2)
     part = np.where(known, place - left, np.nan)
     rows = np.arange(values.shape[0])[:, None]
