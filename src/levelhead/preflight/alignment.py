@@ -95,8 +95,8 @@ class Alignment:
     offsets_s, offsets_std : ndarray, shape (w,)
         The clock offset that each window alone would have, s.
     offset_per_lever : ndarray, shape (3,)
-        By how much the clock offset would be found larger for every metre of a lever arm that is not there, s/m,
-        sensor axes; only where the lever arm is fitted too.
+        By how much the clock offset is found too large for every metre of a lever arm that was left out, s/m, sensor
+        axes.
     settled : bool
         Whether the fit has come to rest; where not, nothing in it counts.
     misfit : ndarray, shape (w,)

@@ -14,6 +14,7 @@ from levelhead.logs.mapping import rotation_321
 from levelhead.logs.pieces import Fact
 from levelhead.preflight.corrections import Corrections, angles_321, axes_name, nearest_axes
 from levelhead.preflight.findings import Finding, Verdict
+from levelhead.preflight.frames import DECIDED
 from levelhead.preflight.look import MAX_TURNED, Look, nearest_unit, right_speeds
 from levelhead.preflight.speeds import VELOCITY_UNITS
 
@@ -280,12 +281,21 @@ def _named_axes(force_sign: int, rate_sign: int, nearest: FloatArray, margin: fl
 
 def _undecided_axes(look: Look, claims: Claims) -> Finding:
     """Return the finding on axes that the drive cannot tell: gravity alone may still contradict them."""
-    lean = math.acos(max(-1.0, min(1.0, -float(look.up[2]))))
-    values: dict[str, object] = {
-        "gravity": [float(-v) for v in look.up],
-        "margin": None if look.frames is None else look.frames.margin,
-    }
+    values: dict[str, object]
     frames = look.frames
+    if frames is not None and frames.gyro_margin >= DECIDED and look.gyro_unit is not None:
+        text = (
+            "The gyros' axes are not the accelerometers': readings and velocities fit best where the gyros' "
+            f"{axes_name(frames.gyro_axes)} stand for x,y,z (log-likelihood {frames.gyro_margin:.0f} ahead). Put the "
+            "columns right."
+        )
+        values = {"gyro_axes": axes_name(frames.gyro_axes), "margin": frames.gyro_margin}
+        return Finding(name="axes", verdict=Verdict.REFUSED, text=text, code="E_AXES", values=values)
+    lean = math.acos(max(-1.0, min(1.0, -float(look.up[2]))))
+    values = {
+        "gravity": [float(-v) for v in look.up],
+        "margin": None if frames is None else frames.margin,
+    }
     if look.speeds is not None and not right_speeds(look.speeds):
         reason = "the velocities are not what they should be"
     elif frames is None or look.alignment is None:
@@ -348,6 +358,11 @@ def clock(look: Look, claims: Claims, fix: Corrections, middle_s: float, duratio
     side = "late" if late > 0.0 else "early"
     text = f"The GNSS stamps are {abs(late):.3f} +- {sigma:.3f} s {side} against the IMU's"
     text += f", and {abs(drift) * duration_s:.3f} s more so over the log" if drift else ""
+    if look.mounting is not None:
+        per_metre = float(look.mounting.dcm_sensor_to_vehicle[0] @ fit.offset_per_lever)
+        if abs(per_metre) > MIN_LATENCY_S:
+            values["latency_s_per_metre_ahead"] = per_metre
+            text += f" (were the antenna a metre ahead of the IMU: {late - per_metre:+.3f} s)"
     if abs(late) < max(MIN_LATENCY_S, SURE_SIGMAS * sigma) and not drift:
         verdict = Verdict.FINE if SURE_SIGMAS * sigma < WARN_LATENCY_S else Verdict.UNDECIDED
         return Finding(name=name, verdict=verdict, text=f"{text}: left alone.", values=values), fix

@@ -7,8 +7,9 @@ a few combinations: the sign of the specific force, the sign of the gyros, and t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -32,6 +33,8 @@ PLAIN_LAG_S: Final = 1.0
 DECIDED: Final = 20.0
 """Log-likelihood by which one reading of the data must lead all others: e^20 to 1 if the errors were as modelled;
 they are not, and that is why it is not 5."""
+DOUBTFUL: Final = 8.0
+"""Log-likelihood by which other axes of the gyros than the accelerometers' may lead and still be chance."""
 WINDOW_WORTH: Final = 8.0
 """Log-likelihood that one window may add at most: no single stretch of the drive decides alone."""
 PLAINER: Final = 2.0
@@ -78,6 +81,10 @@ class Frames:
         How many windows spoke for it.
     force, change : ndarray, shape (w, e, 3)
         Specific force in F and change of the velocity in NED, m/s^2, as they were compared.
+    gyro_axes : ndarray, shape (3, 3)
+        Signed axes in which the gyros fit the accelerometers best; the unit matrix where they share theirs.
+    gyro_margin : float
+        Log-likelihood by which those lead, 0 for the unit matrix.
     """
 
     hypothesis: Hypothesis
@@ -87,11 +94,13 @@ class Frames:
     windows: int
     force: FloatArray
     change: FloatArray
+    gyro_axes: FloatArray
+    gyro_margin: float
 
     @property
     def decided(self) -> bool:
         """Whether this is certain."""
-        return self.margin >= DECIDED and not self.alternatives
+        return self.margin >= DECIDED and not self.alternatives and self.gyro_margin < DOUBTFUL
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,9 +114,15 @@ class Units:
 
 
 def find_frames(
-    windows: Windows, increments: Increments, motion: Motion, units: Units, *, velocity_frames: Mapping[str, float]
+    windows: Windows,
+    increments: Increments,
+    motion: Motion,
+    units: Units,
+    *,
+    up: FloatArray,
+    velocity_frames: Mapping[str, float],
 ) -> Frames | None:
-    """Compare all combinations of signs and frames.
+    """Compare all combinations of signs and frames, and then of gyro axes that differ from the accelerometers'.
 
     Parameters
     ----------
@@ -115,6 +130,8 @@ def find_frames(
         The stretches, the readings' integrals (raw), and the GNSS velocities as declared.
     units : Units
         Units, gyro bias and clock offset as far as they are known.
+    up : ndarray, shape (3,)
+        Direction of the specific force, sensor axes.
     velocity_frames : mapping
         Those of `VELOCITY_FRAMES` that are possible, and how far each is behind in log-likelihood by other evidence.
 
@@ -132,23 +149,37 @@ def find_frames(
     velocity = np.where(windows.present[..., None], motion.velocity[np.maximum(windows.epochs, 0)], np.nan)
     change = (velocity[:, lag:] - velocity[:, :-lag]) / duration[..., None]
     gravity = np.array([0.0, 0.0, GRAVITY])
-    fits: dict[Hypothesis, tuple[FloatArray, FloatArray]] = {}
-    forces = {}
-    for rate_sign in (1, -1):
-        _, push = turned(windows, increments, scale=rate_sign * units.gyro, bias=units.gyro_bias)
+
+    def felt(gyro_axes: FloatArray) -> FloatArray:
+        turning = replace(increments, angle=increments.angle @ gyro_axes.T)
+        _, push = turned(windows, turning, scale=units.gyro, bias=gyro_axes @ units.gyro_bias)
         push = on_grid(push * units.accel, windows, when - units.offset_s)
-        force = (push[:, lag:] - push[:, :-lag]) / duration[..., None]
-        forces[rate_sign] = force
-        known = np.asarray(np.isfinite(force + change).all(axis=-1))
-        for frame in velocity_frames:
-            expected = np.where(known[..., None], change @ VELOCITY_FRAMES[frame].T - gravity, 0.0)
-            for force_sign in (1, -1):
-                felt = np.where(known[..., None], force_sign * force, 0.0)
-                fits[Hypothesis(force_sign=force_sign, rate_sign=rate_sign, velocity_frame=frame)] = wahba(
-                    felt, expected
-                )
+        return np.asarray((push[:, lag:] - push[:, :-lag]) / duration[..., None])
+
+    def fit(h: Hypothesis, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+        expected = change @ VELOCITY_FRAMES[h.velocity_frame].T - gravity
+        known = np.isfinite(force + expected).all(axis=-1)[..., None]
+        return wahba(np.where(known, h.force_sign * force, 0.0), np.where(known, expected, 0.0))
+
+    forces = {sign: felt(sign * np.eye(3)) for sign in (1, -1)}
+    fits = {
+        h: fit(h, forces[h.rate_sign])
+        for h in (
+            Hypothesis(force_sign=force_sign, rate_sign=rate_sign, velocity_frame=frame)
+            for rate_sign in (1, -1)
+            for frame in velocity_frames
+            for force_sign in (1, -1)
+        )
+    }
     independent = (np.isfinite(duration).sum(axis=1) * min(interval / INDEPENDENT_S, 1.0)).astype(np.float64)
     chosen, margin, alternatives, voices = _judge(fits, independent, velocity_frames)
+    gyro_axes, gyro_margin = np.eye(3), 0.0
+    for axes in about(int(np.abs(up).argmax())):
+        _, rss = fit(chosen, felt(chosen.rate_sign * axes))
+        gain = 1.5 * independent * np.log((fits[chosen][1] + 1e-12) / (rss + 1e-12))
+        lead = float(np.clip(gain, -WINDOW_WORTH, WINDOW_WORTH).sum())
+        if lead > gyro_margin:
+            gyro_axes, gyro_margin = axes, lead
     return Frames(
         hypothesis=chosen,
         margin=margin,
@@ -157,7 +188,22 @@ def find_frames(
         windows=voices,
         force=chosen.force_sign * forces[chosen.rate_sign],
         change=change @ VELOCITY_FRAMES[chosen.velocity_frame].T,
+        gyro_axes=gyro_axes,
+        gyro_margin=gyro_margin,
     )
+
+
+def about(axis: int) -> Iterator[FloatArray]:
+    """Yield the other ways to name and sign two axes when the third, vertical one is as it is: turns tell that one."""
+    first, second = (k for k in range(3) if k != axis)
+    for swapped in (False, True):
+        for signs in itertools.product((1.0, -1.0), repeat=2):
+            matrix = np.zeros((3, 3))
+            matrix[axis, axis] = 1.0
+            matrix[first, second if swapped else first] = signs[0]
+            matrix[second, first if swapped else second] = signs[1]
+            if not np.array_equal(matrix, np.eye(3)):
+                yield matrix
 
 
 def _judge(

@@ -18,7 +18,15 @@ from levelhead.logs.derive import velocity_from_position
 from levelhead.logs.log import Log
 from levelhead.preflight.alignment import Alignment, Noise, Start, align
 from levelhead.preflight.corrections import Corrections
-from levelhead.preflight.frames import DECIDED, VELOCITY_FRAMES, Frames, Units, find_frames, frames_by_positions
+from levelhead.preflight.frames import (
+    DECIDED,
+    DOUBTFUL,
+    VELOCITY_FRAMES,
+    Frames,
+    Units,
+    find_frames,
+    frames_by_positions,
+)
 from levelhead.preflight.mounting import Mounting, find_mounting
 from levelhead.preflight.speeds import Speeds, speeds_by_forces, speeds_by_positions
 from levelhead.preflight.turns import Turns, compare_turns
@@ -50,6 +58,8 @@ LEVER_STD: Final = 3.0
 SURE_LEVER: Final = 4.0
 MIN_LEVER_M: Final = 0.1
 """A lever arm that nobody told counts for the clocks where it is so many sigmas and so many metres from zero..."""
+LEVER_LEAD: Final = 50.0
+"""And its log-likelihood must lead by this much: coarse gyros feign small ones."""
 CLEAR_LEVER: Final = 6.0
 CLEAR_LEVER_M: Final = 0.5
 """...and is told to the user where it is so many."""
@@ -154,7 +164,7 @@ def look_at(log: Log, *, lever_arm: Triple | None = None, frame_told: bool = Fal
         known = by_positions or frame_told or course or log.velocity_ned is None
         names = {"NED"} if known else {"NED", "ENU"} if flat else set(VELOCITY_FRAMES)
         possible = {name: 0.0 if known else behind.get(name, 0.0) for name in VELOCITY_FRAMES if name in names}
-        frames = find_frames(windows, increments, motion, units, velocity_frames=possible)
+        frames = find_frames(windows, increments, motion, units, up=up, velocity_frames=possible)
         if frames is not None and speeds is None and log.velocity_ned is not None:
             speeds = speeds_by_forces(frames.dcm_f_to_ned, frames.force, frames.change)
     if frames is not None and (speeds is None or right_speeds(speeds)):
@@ -336,16 +346,24 @@ def _aligned(
             return plain, mounting, False
         lever = mounting.dcm_sensor_to_vehicle.T @ np.array(lever_arm)
         told = align(windows, increments, ned, start, lever_arm=lever)
-        return told, None if told is None else find_mounting(windows, ned, told), False
+        if told is None:
+            return None, None, False
+        return replace(told, offset_per_lever=np.zeros(3)), find_mounting(windows, ned, told), False
     free = _with_lever(windows, increments, ned, replace(start, dcm_f_to_ned=plain.dcm_f_to_ned), plain)
     if free is None or not free.settled:
         return plain, mounting, False
     size = np.abs(free.lever_arm)
     sure = ((size > SURE_LEVER * free.lever_std) & (size > MIN_LEVER_M)).any()
-    if not sure or free.leads(plain) < DECIDED:
-        return replace(plain, offset_per_lever=free.offset_per_lever), mounting, False
+    lead = free.leads(plain)
+    if not sure or lead < DOUBTFUL:
+        return plain, mounting, False
+    if lead < DECIDED or float((plain.misfit - free.misfit).sum()) < LEVER_LEAD:
+        # Perhaps a lever arm, perhaps gyros that are coarse: the clocks lie somewhere between.
+        apart = math.hypot(plain.offset_std, free.offset_s - plain.offset_s)
+        return replace(plain, offset_std=apart), mounting, False
     clear = (size > CLEAR_LEVER * free.lever_std) & (size > CLEAR_LEVER_M)
-    return free, find_mounting(windows, ned, free), bool(clear.any())
+    found = replace(free, offset_per_lever=np.zeros(3))
+    return found, find_mounting(windows, ned, free), bool(clear.any())
 
 
 def _with_lever(
