@@ -20,7 +20,6 @@ from levelhead.preflight.alignment import Alignment, Noise, Start, align
 from levelhead.preflight.corrections import Corrections
 from levelhead.preflight.frames import (
     DECIDED,
-    DOUBTFUL,
     VELOCITY_FRAMES,
     Frames,
     Units,
@@ -355,9 +354,9 @@ def _aligned(
     size = np.abs(free.lever_arm)
     sure = ((size > SURE_LEVER * free.lever_std) & (size > MIN_LEVER_M)).any()
     lead = free.leads(plain)
-    if not sure or lead < DOUBTFUL:
+    if not sure or lead < DECIDED:
         return plain, mounting, False
-    if lead < DECIDED or float((plain.misfit - free.misfit).sum()) < LEVER_LEAD:
+    if float((plain.misfit - free.misfit).sum()) < LEVER_LEAD:
         # Perhaps a lever arm, perhaps gyros that are coarse: the clocks lie somewhere between.
         apart = math.hypot(plain.offset_std, free.offset_s - plain.offset_s)
         return replace(plain, offset_std=apart), mounting, False
