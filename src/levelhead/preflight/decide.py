@@ -364,7 +364,8 @@ def clock(look: Look, claims: Claims, fix: Corrections, middle_s: float, duratio
             values["latency_s_per_metre_ahead"] = per_metre
             text += f" (were the antenna a metre ahead of the IMU: {late - per_metre:+.3f} s)"
     if abs(late) < max(MIN_LATENCY_S, SURE_SIGMAS * sigma) and not drift:
-        verdict = Verdict.FINE if SURE_SIGMAS * sigma < WARN_LATENCY_S else Verdict.UNDECIDED
+        small = abs(late) + SURE_SIGMAS * sigma < WARN_LATENCY_S
+        verdict = Verdict.FINE if small else Verdict.UNDECIDED
         return Finding(name=name, verdict=verdict, text=f"{text}: left alone.", values=values), fix
     code = "W_LATENCY" if abs(late) > WARN_LATENCY_S or drift else ""
     if abs(late) > MAX_LATENCY_S and "clock" not in claims.unknown:
