@@ -28,6 +28,7 @@ from levelhead.preflight.windows import (
     on_grid,
     rotations,
     skew,
+    smoothly_on_grid,
     turned,
 )
 
@@ -54,8 +55,8 @@ SCALE_STD: Final = 0.003
 OUTLIER: Final = 4.0
 """Windows whose residual is so many times the median's do not count: GNSS jumped, or the gyros did."""
 
-SLOPE_STEPS: Final = 5
-"""Steps of the grid to both sides over which the antenna's acceleration round the IMU is taken."""
+SLOPE_STEPS: Final = 10
+"""Steps of the grid to both sides over which accelerations are taken: vibration in them would tell of a lever arm."""
 MIN_SWING: Final = 0.15
 """Windows whose horizontal velocity swings less tell nothing of heading and clocks, m/s (see `Windows.swing`)."""
 SIGNAL: Final = 4.0
@@ -305,13 +306,12 @@ def _linearised(windows: Windows, increments: Increments, motion: Motion, start:
         turned_vectors: FloatArray = np.einsum("wij,wej->wei", start.dcm_f_to_ned, vectors)
         return turned_vectors
 
-    velocity = ned(on_grid(push, windows, when))
+    velocity = ned(smoothly_on_grid(push, windows, when))
     sensor = to_ned @ on_grid(attitude, windows, when)
     swing = sensor @ skew(on_grid(_at_nodes(rate), windows, when))
-    acceleration = ned(on_grid(_at_nodes(force), windows, when)) + gravity
     # At the end of a lever arm velocity and acceleration are others: all that tells it from an offset of the clocks.
     arm = np.einsum("wkij,wkj->wki", attitude, np.cross(_at_nodes(rate), common[LEVER]))
-    acceleration += ned(on_grid(_slopes(arm, step), windows, when))
+    acceleration = ned(on_grid(_slopes(push + arm, step), windows, when)) + gravity
     turning = velocity + ned(on_grid(arm, windows, when))
     local = np.concatenate((np.broadcast_to(np.eye(3), (*when.shape, 3, 3)), -skew(turning)), axis=-1)
     columns = (

@@ -29,6 +29,8 @@ MIN_YAW: Final = math.radians(0.2)
 WARN_YAW: Final = math.radians(1.0)
 YAW_STD: Final = math.radians(1.0)
 """A mounting yaw that is left alone is fine when it is known so well, rad."""
+MOSTLY: Final = 0.95
+"""Where less of the driving is in one direction, it is said which one is taken as forward."""
 MIN_COHERENCE: Final = 0.8
 DRIFT_SIGMAS: Final = 6.0
 MIN_DRIFT_S: Final = 0.02
@@ -228,7 +230,10 @@ def axes(
     }
     told = f"{math.degrees(yaw):.2f} +- {math.degrees(yaw_std):.2f} deg"
     sure = abs(yaw) > max(MIN_YAW, SURE_SIGMAS * yaw_std)
+    values["one_way"] = mounting.one_way
     text = f"The IMU's forward axis points {told} to the right of the direction of travel"
+    if mounting.one_way < MOSTLY:
+        text += f" ({100.0 * mounting.one_way:.0f} % of the driving is that way, and it is taken as forward)"
     if sure:
         verdict, code = Verdict.CORRECTED, "W_MOUNT_YAW" if abs(yaw) > WARN_YAW else ""
         findings.append(

@@ -51,6 +51,8 @@ JUMP_SIGMAS: Final = 8.0
 MAX_ACCELERATION: Final = 5.0
 """A velocity that is off the median of the five epochs round it by so many usual deviations, and by more than this
 acceleration reaches from one to the next, is an outlier, m/s^2."""
+VERTICAL: Final = 3.0
+"""By how much less vertical velocities are trusted than they say."""
 QUIET: Final = NoiseParams()
 LEVER_STD: Final = 3.0
 """One sigma of a lever arm that nobody told, m."""
@@ -327,7 +329,9 @@ def _aligned(
     """Fit clocks and lever arm with the signs and frames that were found."""
     best = frames.hypothesis
     turn = VELOCITY_FRAMES[best.velocity_frame]
-    ned = Motion(time=motion.time, velocity=motion.velocity @ turn.T, sigma=motion.sigma)
+    # Vertical velocities are often smoothed, or taken from a barometer: their delay is not that of the clocks.
+    sigma = motion.sigma @ np.abs(turn.T) * [1.0, 1.0, VERTICAL]
+    ned = Motion(time=motion.time, velocity=motion.velocity @ turn.T, sigma=sigma)
     start = Start(
         dcm_f_to_ned=frames.dcm_f_to_ned,
         offset_s=units.offset_s,

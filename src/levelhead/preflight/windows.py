@@ -216,6 +216,22 @@ def on_grid(values: FloatArray, windows: Windows, when: FloatArray) -> FloatArra
     return mixed
 
 
+def smoothly_on_grid(values: FloatArray, windows: Windows, when: FloatArray) -> FloatArray:
+    """Interpolate values (w, k + 1, 3) on the grid by quadratic B-splines at times (w, e), s; NaN outside it.
+
+    Linear interpolation averages noise between the nodes and not at them, so that a shift by half a step would look
+    like a better fit; here the noise is nearly the same everywhere.
+    """
+    place = (when - windows.start[:, None]) / windows.offsets[1]
+    known = (place >= 1.0) & (place <= windows.offsets.size - 2)
+    node = np.clip(np.rint(np.where(known, place, 1.0)).astype(np.intp), 1, windows.offsets.size - 2)
+    off = np.where(known, place - node, np.nan)[..., None]
+    rows = np.arange(values.shape[0])[:, None]
+    before, here, after = values[rows, node - 1], values[rows, node], values[rows, node + 1]
+    mixed: FloatArray = 0.5 * (0.5 - off) ** 2 * before + (0.75 - off**2) * here + 0.5 * (0.5 + off) ** 2 * after
+    return mixed
+
+
 def epoch_times(windows: Windows, motion: Motion) -> FloatArray:
     """Return the stamps of the windows' epochs (w, e), NaN where there is none."""
     return np.where(windows.present, motion.time[np.maximum(windows.epochs, 0)], np.nan)
