@@ -24,6 +24,7 @@ WARN_LATENCY_S: Final = 0.05
 MAX_LATENCY_S: Final = 0.5
 """A larger offset of the clocks is not put right unless somebody says that it is so: the files may not belong
 together."""
+FAR_SIGMAS: Final = 5.0
 LATENCY_STD_S: Final = 0.03
 MIN_YAW: Final = math.radians(0.2)
 WARN_YAW: Final = math.radians(1.0)
@@ -354,6 +355,11 @@ def clock(look: Look, claims: Claims, fix: Corrections, middle_s: float, duratio
         found = "" if fit is None or not known else f" (within {sigma:.3f} s)"
         if known and wander > LATENCY_STD_S:
             found = f": they do not stay so, but go {wander:.2f} s to and fro"
+        far = 0.0 if fit is None or not known else abs(fit.offset_s) - FAR_SIGMAS * sigma
+        if far > WARN_LATENCY_S and "clock" in claims.told:
+            # How far they are apart is open, but not that they are.
+            text = f"The clocks are {far:.2f} s apart at least besides what --latency says: --latency is wrong, then."
+            return Finding(name=name, verdict=Verdict.REFUSED, text=text, code="W_LATENCY"), fix
         verdict = claims.open("clock")
         text = f"The drive cannot tell how far the clocks of IMU and GNSS are apart{found}."
         text += " Pass --latency." if verdict is Verdict.REFUSED else " Taken as one clock."
