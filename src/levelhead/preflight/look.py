@@ -27,7 +27,7 @@ from levelhead.preflight.frames import (
     find_frames,
     frames_by_positions,
 )
-from levelhead.preflight.mounting import Mounting, find_mounting
+from levelhead.preflight.mounting import MIN_SPEED, Mounting, find_mounting
 from levelhead.preflight.speeds import Speeds, speeds_by_forces, speeds_by_positions
 from levelhead.preflight.turns import Turns, compare_turns
 from levelhead.preflight.windows import BoolArray, Increments, Motion, Windows, choose_windows
@@ -377,19 +377,20 @@ def _with_lever(
     quadratic: there are two answers, and the one that fits better is found from where the search begins.
     """
 
-    def search(shift: FloatArray) -> Alignment | None:
-        begun = replace(start, offset_s=plain.offset_s)
-        if shift.any():
-            begun = replace(begun, offset_s=plain.offset_s - float(along @ shift))
-        return align(windows, increments, ned, begun, lever_std=LEVER_STD, lever_start=shift)
+    def search(lever: FloatArray, offset_s: float) -> Alignment | None:
+        begun = replace(start, offset_s=offset_s)
+        return align(windows, increments, ned, begun, lever_std=LEVER_STD, lever_start=lever)
 
-    along = np.zeros(3)
-    first = search(np.zeros(3))
+    first = search(np.zeros(3), plain.offset_s)
     if first is None or not (np.abs(first.lever_arm) > SURE_LEVER * first.lever_std).any():
         return first
-    along = first.offset_per_lever
-    side = -LEVER_STD if along @ first.lever_arm > 0.0 else LEVER_STD
-    other = search(side * along / max(float(np.linalg.norm(along)), 1e-9))
-    if other is None or (first.settled and not (other.settled and other.leads(first) > 0.0)):
-        return first
-    return other
+    per_metre = float(np.linalg.norm(first.offset_per_lever))
+    ahead = LEVER_STD * first.offset_per_lever / max(per_metre, 1e-9)
+    # One metre ahead is the time in which the vehicle drives it; a fit that is lost may say less.
+    shift = LEVER_STD * max(per_metre, 1.0 / max(float(np.median(ned.speed)), MIN_SPEED))
+    best = first if first.settled else None
+    for side in (1.0, -1.0):
+        other = search(side * ahead, plain.offset_s - side * shift)
+        if other is not None and other.settled and (best is None or other.leads(best) > 0.0):
+            best = other
+    return best
