@@ -20,7 +20,6 @@ from levelhead.preflight.alignment import Alignment, Noise, Start, align
 from levelhead.preflight.corrections import Corrections
 from levelhead.preflight.frames import (
     DECIDED,
-    DOUBTFUL,
     VELOCITY_FRAMES,
     Frames,
     Units,
@@ -60,8 +59,9 @@ LEVER_STD: Final = 3.0
 SURE_LEVER: Final = 4.0
 MIN_LEVER_M: Final = 0.1
 """A lever arm that nobody told counts for the clocks where it is so many sigmas and so many metres from zero..."""
-LEVER_LEAD: Final = 50.0
-"""And its log-likelihood must lead by this much: coarse gyros feign small ones."""
+DOUBTFUL_LEVER: Final = 50.0
+SURE_LEVER_LEAD: Final = 100.0
+"""And its log-likelihood must lead by as much: strong vibration and coarse gyros feign leads of up to the lower one."""
 CLEAR_LEVER: Final = 6.0
 CLEAR_LEVER_M: Final = 0.5
 """...and is told to the user where it is so many."""
@@ -356,11 +356,11 @@ def _aligned(
         return plain, mounting, False
     size = np.abs(free.lever_arm)
     sure = ((size > SURE_LEVER * free.lever_std) & (size > MIN_LEVER_M)).any()
-    lead = free.leads(plain)
-    if not sure or lead < DOUBTFUL:
+    lead = float((plain.misfit - free.misfit).sum())
+    if not sure or free.leads(plain) < DECIDED or lead < DOUBTFUL_LEVER:
         return plain, mounting, False
-    if lead < DECIDED or float((plain.misfit - free.misfit).sum()) < LEVER_LEAD:
-        # Perhaps a lever arm, perhaps gyros that are coarse: the clocks lie somewhere between.
+    if lead < SURE_LEVER_LEAD:
+        # Perhaps a lever arm, perhaps vibration: the clocks lie somewhere between.
         apart = math.hypot(plain.offset_std, free.offset_s - plain.offset_s)
         return replace(plain, offset_std=apart), mounting, False
     clear = (size > CLEAR_LEVER * free.lever_std) & (size > CLEAR_LEVER_M)
