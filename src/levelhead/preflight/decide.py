@@ -35,6 +35,10 @@ MOSTLY: Final = 0.95
 MIN_COHERENCE: Final = 0.8
 DRIFT_SIGMAS: Final = 6.0
 MIN_DRIFT_S: Final = 0.02
+FEW: Final = 3
+LONE_WINDOWS: Final = 4.0
+"""More stretches than a few are told apart only where their squares are so many times what they should be: noise is
+modelled roughly, and the fit's own sigma knows how windows scatter."""
 MAX_DRIFT: Final = 2e-4
 """No crystal is worse; what looks like a faster drift is a jump, or stamps made by a busy computer, s/s."""
 MIN_DRIFT_WINDOWS: Final = 10
@@ -425,7 +429,8 @@ def _spread(values: FloatArray, sigma: FloatArray, count: int) -> float:
     total = total / max(1.0, within / max(values.size - len(parts), 1))
     misfit = float(total @ (mean - total @ mean / total.sum()) ** 2)
     freedom = len(parts) - 1
-    if misfit < freedom + WANDER_SIGMAS * math.sqrt(2.0 * freedom):
+    limit = max(freedom + WANDER_SIGMAS * math.sqrt(2.0 * freedom), LONE_WINDOWS * freedom if freedom > FEW else 0.0)
+    if misfit < limit:
         return 0.0
     # Moments (DerSimonian and Laird): what the stretches' own sigmas leave to be explained.
     return math.sqrt((misfit - freedom) / float(total.sum() - (total @ total) / total.sum()))

@@ -26,7 +26,7 @@ from levelhead.preflight.frames import (
     find_frames,
     frames_by_positions,
 )
-from levelhead.preflight.mounting import Mounting, find_mounting
+from levelhead.preflight.mounting import MIN_SPEED, Mounting, find_mounting
 from levelhead.preflight.speeds import Speeds, speeds_by_forces, speeds_by_positions
 from levelhead.preflight.turns import Turns, compare_turns
 from levelhead.preflight.windows import BoolArray, Increments, Motion, Windows, choose_windows
@@ -59,8 +59,9 @@ LEVER_STD: Final = 3.0
 SURE_LEVER: Final = 4.0
 MIN_LEVER_M: Final = 0.1
 """A lever arm that nobody told counts for the clocks where it is so many sigmas and so many metres from zero..."""
-LEVER_LEAD: Final = 50.0
-"""And its log-likelihood must lead by this much: coarse gyros feign small ones."""
+DOUBTFUL_LEVER: Final = 50.0
+SURE_LEVER_LEAD: Final = 100.0
+"""And its log-likelihood must lead by as much: strong vibration and coarse gyros feign leads of up to the lower one."""
 CLEAR_LEVER: Final = 6.0
 CLEAR_LEVER_M: Final = 0.5
 """...and is told to the user where it is so many."""
@@ -357,11 +358,11 @@ def _aligned(
         return plain, mounting, False
     size = np.abs(free.lever_arm)
     sure = ((size > SURE_LEVER * free.lever_std) & (size > MIN_LEVER_M)).any()
-    lead = free.leads(plain)
-    if not sure or lead < DECIDED:
+    lead = float((plain.misfit - free.misfit).sum())
+    if not sure or free.leads(plain) < DECIDED or lead < DOUBTFUL_LEVER:
         return plain, mounting, False
-    if float((plain.misfit - free.misfit).sum()) < LEVER_LEAD:
-        # Perhaps a lever arm, perhaps gyros that are coarse: the clocks lie somewhere between.
+    if lead < SURE_LEVER_LEAD:
+        # Perhaps a lever arm, perhaps vibration: the clocks lie somewhere between.
         apart = math.hypot(plain.offset_std, free.offset_s - plain.offset_s)
         return replace(plain, offset_std=apart), mounting, False
     clear = (size > CLEAR_LEVER * free.lever_std) & (size > CLEAR_LEVER_M)
@@ -378,19 +379,20 @@ def _with_lever(
     quadratic: there are two answers, and the one that fits better is found from where the search begins.
     """
 
-    def search(shift: FloatArray) -> Alignment | None:
-        begun = replace(start, offset_s=plain.offset_s)
-        if shift.any():
-            begun = replace(begun, offset_s=plain.offset_s - float(along @ shift))
-        return align(windows, increments, ned, begun, lever_std=LEVER_STD, lever_start=shift)
+    def search(lever: FloatArray, offset_s: float) -> Alignment | None:
+        begun = replace(start, offset_s=offset_s)
+        return align(windows, increments, ned, begun, lever_std=LEVER_STD, lever_start=lever)
 
-    along = np.zeros(3)
-    first = search(np.zeros(3))
+    first = search(np.zeros(3), plain.offset_s)
     if first is None or not (np.abs(first.lever_arm) > SURE_LEVER * first.lever_std).any():
         return first
-    along = first.offset_per_lever
-    side = -LEVER_STD if along @ first.lever_arm > 0.0 else LEVER_STD
-    other = search(side * along / max(float(np.linalg.norm(along)), 1e-9))
-    if other is None or (first.settled and not (other.settled and other.leads(first) > 0.0)):
-        return first
-    return other
+    per_metre = float(np.linalg.norm(first.offset_per_lever))
+    ahead = LEVER_STD * first.offset_per_lever / max(per_metre, 1e-9)
+    # One metre ahead is the time in which the vehicle drives it; a fit that is lost may say less.
+    shift = LEVER_STD * max(per_metre, 1.0 / max(float(np.median(ned.speed)), MIN_SPEED))
+    best = first if first.settled else None
+    for side in (1.0, -1.0):
+        other = search(side * ahead, plain.offset_s - side * shift)
+        if other is not None and other.settled and (best is None or other.leads(best) > 0.0):
+            best = other
+    return best

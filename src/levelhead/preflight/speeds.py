@@ -25,6 +25,10 @@ ALIKE_POSITIONS: Final = 0.97
 """Correlation with the steps between positions from which on their ratio counts."""
 ALIKE_FORCES: Final = 0.9
 """Correlation with the specific force from which on the ratio of accelerations counts."""
+UNIT_NEAR: Final = 0.15
+"""Accelerations tell a unit only where its factor is met within this (natural logarithm)..."""
+SIDES_APART: Final = 0.5
+"""...and turns to both sides give ratios that differ by less than this (natural logarithm)."""
 MIN_STEPS: Final = 20
 MIN_SPEED: Final = 1.0
 """Some step between positions must be faster than this, m/s."""
@@ -95,6 +99,9 @@ def speeds_by_positions(
 def speeds_by_forces(dcm_f_to_ned: FloatArray, force: FloatArray, change: FloatArray) -> Speeds | None:
     """Compare accelerations of the velocity with the specific force, horizontally and about their means in each window.
 
+    A bias of the accelerometers turns with the vehicle, as the acceleration in a turn does: it counts for the one in
+    turns to the right, against it in those to the left, so that only both together tell.
+
     Parameters
     ----------
     dcm_f_to_ned : ndarray, shape (w, 3, 3)
@@ -107,14 +114,23 @@ def speeds_by_forces(dcm_f_to_ned: FloatArray, force: FloatArray, change: FloatA
     Returns
     -------
     Speeds or None
-        None where the two have too little in common.
+        None where the two have too little in common, turns go one way only, or no unit fits.
     """
     felt = np.einsum("wij,wej->wei", dcm_f_to_ned, force)[..., :2]
     known = np.isfinite(felt + change[..., :2]).all(axis=-1)
     count = np.maximum(known.sum(axis=1), 1)[:, None, None]
     pair = [np.where(known[..., None], values, 0.0) for values in (felt, change[..., :2])]
     x, y = (np.where(known[..., None], values - values.sum(axis=1, keepdims=True) / count, 0.0) for values in pair)
-    xx, yy, xy = (float((a * b).sum()) for a, b in ((x, x), (y, y), (x, y)))
-    if xy <= ALIKE_FORCES * math.sqrt(xx * yy):
-        return None
-    return Speeds(ratio=math.sqrt(xx / yy), turned=None)
+    xx, yy, xy = ((a * b).sum(axis=(1, 2)) for a, b in ((x, x), (y, y), (x, y)))
+    # The acceleration's own turning: to the right where positive.
+    right = (y[:, :-1, 0] * y[:, 1:, 1] - y[:, :-1, 1] * y[:, 1:, 0]).sum(axis=1) > 0.0
+    ratios = []
+    for side in (right, ~right):
+        alike = float(xy[side].sum()) / math.sqrt(float(xx[side].sum() * yy[side].sum()) + 1e-12)
+        if alike < ALIKE_FORCES:
+            return None
+        ratios.append(float(xy[side].sum() / yy[side].sum()))
+    ratio = 0.5 * sum(ratios)
+    near = min(abs(math.log(ratio / factor)) for factor in VELOCITY_UNITS.values())
+    apart = abs(math.log(ratios[0] / ratios[1]))
+    return Speeds(ratio=ratio, turned=None) if near < UNIT_NEAR and apart < SIDES_APART else None
